@@ -1,68 +1,30 @@
-"""The catalogue: every effect that the diagnosis can name, one file each on one link of the measurement chain.
+"""The catalogue: every effect that the diagnosis can name, in one file for each family along the measurement chain.
 
-To add an effect, add its file and its line here; the contract tests then run over it.
+To add an effect, write its entry into its family's file and name it in `EFFECTS` there; the contract tests then run
+over it.
 """
 
 from __future__ import annotations
 
 import copyreg
-import importlib
 from collections.abc import Iterable
 from dataclasses import replace
 
-from shockrig.analysis.effects import film_beside_bead, offset_in_descent, ventilated_warmth
+from shockrig.analysis.effects import air, body, exchange, heat, logger, of_flight, reading
 from shockrig.analysis.effects.described import described, is_described
 from shockrig.analysis.estimate.effect import Effect, Parameter
 from shockrig.analysis.estimate.model import Held, Structure
 
 __all__ = ["CATALOGUE", "OF_FLIGHT", "Effect", "Parameter", "by_id", "structure_of"]
 
-# In the order of the chain.
-_FILES = (
-    "finite_transfer",
-    "air_relaxation",
-    "two_places",
-    "convective_film",
-    "exchange_temperature",
-    "vapour_boundary_layer",
-    "series_lag",
-    "sheath",
-    "condensation",
-    "other_body",
-    "direction_dependent_diffusivity",
-    "concentration_dependent_diffusivity",
-    "slow_relaxation",
-    "stem_conduction",
-    "parallel_lag",
-    "evaporative_cooling",
-    "self_heating",
-    "radiative_heating",
-    "wall_radiation",
-    "die_thermal_lag",
-    "uptake_by_activity",
-    "calibration_temperature",
-    "hysteresis",
-    "calibration_error",
-    "saturation_clipping",
-    "dead_time",
-    "clock_drift",
-    "moving_average",
-    "stale_samples",
-    "quantization",
-)
+# In the order of the chain, as the entries within each family are.
+_FAMILIES = (air, exchange, body, heat, reading, logger)
 
-
-def _entries() -> Iterable[Effect]:
-    for name in _FILES:
-        module = importlib.import_module(f"{__name__}.{name}")
-        yield from getattr(module, "EFFECTS", None) or (module.EFFECT,)
-
-
-CATALOGUE: dict[str, Effect] = {effect.id: replace(effect, order=i) for i, effect in enumerate(_entries())}
-# What no bench shows: flights alone find it, and a correction takes it off as it does the catalogue's.
-OF_FLIGHT: dict[str, Effect] = {
-    one.EFFECT.id: one.EFFECT for one in (offset_in_descent, ventilated_warmth, film_beside_bead)
+CATALOGUE: dict[str, Effect] = {
+    effect.id: replace(effect, order=i)
+    for i, effect in enumerate(one for family in _FAMILIES for one in family.EFFECTS)
 }
+OF_FLIGHT: dict[str, Effect] = {effect.id: effect for effect in of_flight.EFFECTS}
 
 
 def by_id(id_: str) -> Effect:

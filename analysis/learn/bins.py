@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.effects.ventilated_warmth import airflow_m_s
+from shockrig.analysis.effects.of_flight import airflow_m_s
 from shockrig.analysis.flight.readout import coarse_track, vertical_speed
 from shockrig.files.flight import Flight
 from shockrig.files.ranges import RANGES

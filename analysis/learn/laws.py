@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dtbtrs
 
-from shockrig.analysis.effects.ventilated_warmth import LEAST_AIRFLOW_M_S, warmer_k
+from shockrig.analysis.effects.of_flight import LEAST_AIRFLOW_M_S, warmer_k
 from shockrig.analysis.learn.bins import REFERENCE_TEMPERATURE_C, SUB_SAMPLES, FlightBins
 
 Array = NDArray[np.float64]

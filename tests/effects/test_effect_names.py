@@ -1,4 +1,4 @@
-"""No effect is named outside of its own file: whoever treats one apart asks for what stands in the catalogue.
+"""No effect is named outside of the catalogue: whoever treats one apart asks for what stands in the catalogue.
 
 The virtual bench and the simulator of flights are independent of the catalogue and have names of their own.
 """

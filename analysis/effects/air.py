@@ -1,9 +1,4 @@
-"""A sensor that goes back and forth between two places: in one of them it follows at another rate, or the air is late.
-
-One that is carried between a room and a cold box meets two airs that nobody measured; one that is plunged and taken out
-again meets water and air. Which runs are which is their direction, or shows in the response times themselves
-(`Conditions.elsewhere`).
-"""
+"""The air that reaches the probes: how a transfer, a chamber or another place brings it."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,9 +7,88 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.effect import Candidacy, Effect, Needs, Parameter, Start, Words
+from shockrig.analysis.estimate.effect import Arrays, Candidacy, Effect, Needs, Parameter, Readout, Start, Words
 from shockrig.analysis.estimate.readings import FEWEST_RUNS, as_fast_as_seen
-from shockrig.analysis.physics.chain import Recorded
+from shockrig.analysis.physics.chain import Chain, Recorded, RoomAir
+
+# The transfer takes time: the air at the probes changes linearly over `duration_s` from the transfer's start.
+#
+# Where all runs state a measured duration, each run's ramp is in proportion to its own and `duration_s` is the median
+# run's; those that were slowed on purpose, or alone state one, have just that duration, in the plain model too.
+
+
+def _ramp(chain: Chain, p: Arrays) -> NDArray[np.float64]:
+    air = chain.channel.conditions
+    return np.where(np.isfinite(air.ramp_own_s), air.ramp_own_s, p["duration_s"] * air.ramp_ratio)
+
+
+def _triggered(channel: Channel) -> bool:
+    return bool((channel.conditions.start_known & ~channel.measured).any())
+
+
+FINITE_TRANSFER = Effect(
+    id="finite_transfer",
+    link="air",
+    channels=("temperature", "humidity"),
+    equation="air(t) = source + (destination - source) min(t / duration, 1)",
+    source="ramp response: integral of the step response over the duration",
+    parameters=(Parameter("duration_s", "s", 0.02, 8.0, (0.06, 0.3, 1.0)),),
+    apply=lambda chain, p: replace(chain, ramp_s=_ramp(chain, p)),
+    words=Words(
+        "The air does not change in an instant: the transfer takes {duration_s} s.",
+        "Move the probes faster, or log both ends of the transfer so that its duration is known.",
+    ),
+    needs=Needs("needs runs whose start was recorded: a slow transfer and a late start look alike", _triggered),
+    readout=Readout(like_average=lambda p, period_s: {int(p["duration_s"] / period_s) + k for k in (0, 1, 2)}),
+)
+
+
+# Room air let in at the transfer decays: share `fraction` exp(-t / `time_constant_s`) of air at the room's state.
+
+
+def _recorded(channel: Channel) -> NDArray[np.bool_]:
+    air = channel.conditions
+    return air.airs_known & air.start_known & ~channel.measured
+
+
+AIR_RELAXATION = Effect(
+    id="air_relaxation",
+    link="air",
+    channels=("temperature", "humidity"),
+    equation="air(t) = destination + fraction exp(-t / time_constant) (room - destination)",
+    source="well-mixed chamber; vapour pressure mixes linearly",
+    parameters=(
+        Parameter("fraction", "1", 0.001, 0.5, (0.03,), percent=True),
+        Parameter("time_constant_s", "s", 0.3, 90.0, (3.0, 12.0), log=True, none=None),
+        Parameter("room_temperature_c", "degC", -10.0, 45.0, (22.0,), none=None, prior=(21.0, 8.0)),
+        Parameter("room_humidity_percent", "%RH", 0.0, 100.0, (45.0,), none=None, prior=(45.0, 20.0)),
+    ),
+    apply=lambda chain, p: replace(
+        chain,
+        rooms=(
+            *chain.rooms,
+            RoomAir(p["fraction"], p["time_constant_s"], p["room_temperature_c"], p["room_humidity_percent"]),
+        ),
+    ),
+    words=Words(
+        (
+            "Room air comes in with the probes: {fraction} of the destination air at first, "
+            "gone with {time_constant_s} s."
+        ),
+        "Seal the transfer port, raise the chamber's airflow, or bring the room to the destination's state.",
+    ),
+    needs=Needs(
+        "needs runs whose airs and starts were recorded, and whose air was not measured all along",
+        lambda channel: bool(_recorded(channel).any()),
+    ),
+)
+
+
+# A sensor that goes back and forth between two places: in one of them it follows at another rate, or the air is late.
+#
+# One that is carried between a room and a cold box meets two airs that nobody measured; one that is plunged and taken
+# out again meets water and air. Which runs are which is their direction, or shows in the response times themselves
+# (`Conditions.elsewhere`).
 
 Mask = NDArray[np.bool_]
 AT_ONCE = 1e-4  # of the time constant: a lag that is none
@@ -72,7 +146,7 @@ def _late_air(id_: str, when: str, those: Callable[[Recorded], Mask]) -> Effect:
 
 BOTH_WAYS = "needs two runs that cool and two that warm, in airs that nobody measured"
 SLOWER_OR_FASTER = Parameter("ratio", "1", 0.005, 200.0, (0.7, 1.4), log=True, none=1.0)
-EFFECTS = (
+TWO_PLACES = (
     Effect(
         id="direction_dependent_exchange",
         link="air",
@@ -117,3 +191,6 @@ EFFECTS = (
     _late_air("slow_air_in_cooling", "cool", cools),
     _late_air("slow_air_in_warming", "warm", warms),
 )
+
+
+EFFECTS = (FINITE_TRANSFER, AIR_RELAXATION, *TWO_PLACES)
