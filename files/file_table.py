@@ -9,7 +9,7 @@ from typing import Any
 
 from shockrig.files.errors import InputError
 from shockrig.files.ranges import Range
-from shockrig.files.spelling import did_you_mean
+from shockrig.files.spelling import ALIKE_KEYS, did_you_mean, nearest
 
 LONGEST_SHOWN = 60
 
@@ -30,8 +30,18 @@ class FileTable:
         """Raise the error of the first key that is none of `keys`, with the one that may have been meant."""
         for key in self.content:
             if key not in keys:
-                where = f": [{self.path[:-1]}]" if self.path else ""
-                raise InputError(f"{self.source}{where}: unknown key {key!r}{did_you_mean(key, keys)}")
+                raise self._unknown(key, keys)
+
+    def know_nearly(self, *keys: str) -> None:
+        """As `know`, of a format that may hold other keys as well: only of a key that is nearly one that is missing."""
+        missing = set(keys) - set(self.content)
+        for key in self.content:
+            if key not in keys and nearest(key, missing, ALIKE_KEYS):
+                raise self._unknown(key, keys)
+
+    def _unknown(self, key: str, keys: Collection[str]) -> InputError:
+        where = f": [{self.path[:-1]}]" if self.path else ""
+        return InputError(f"{self.source}{where}: unknown key {key!r}{did_you_mean(key, keys)}")
 
     def refuse(self, key: str, what: str, remedy: str = "fix it or leave it out") -> InputError:
         """The error of one key, to be raised: what is wrong with it, and the remedy."""

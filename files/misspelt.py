@@ -9,9 +9,7 @@ from dataclasses import fields
 
 from shockrig.files.campaign_names import ReferenceResponse
 from shockrig.files.common_uncertainty import INPUTS
-from shockrig.files.spelling import nearest
-
-ALIKE_KEYS = 0.72  # of difflib's ratio: "airflow" and "airflow_m_s" are, "note" and "name" are not
+from shockrig.files.spelling import ALIKE_KEYS, nearest
 
 _AIR = frozenset({"temperature_c", "humidity_percent"})
 RUN_KEYS = {

@@ -1,6 +1,7 @@
 """The sensor profile (`sensor-profile/1`) read and written: the one place for both. What it holds is in profile_data.
 
-Keys that the format does not know are ignored; unknown values are left out.
+Keys that the format does not know are ignored, but for one that is nearly a key that is missing: that is a slip.
+Unknown values are left out.
 """
 
 from __future__ import annotations
@@ -47,11 +48,12 @@ LEAST_APART_K = 1e-6  # rows of the table: a slope between them must be a number
 FORMAT = "sensor-profile/1"
 ASSUMED_RELATIVE_UNCERTAINTY = 0.05  # of a diffusivity whose file gives no standard uncertainty
 LARGEST_RELATIVE_UNCERTAINTY = 1e6  # beyond it nothing was measured, and arithmetic would not survive it
+OF_BOTH = ("response_time_s", "sampling_period_s", "effects", "discovered")  # keys of either sensor
 REMEDY = "give the profile.json that shockrig characterize wrote"
 
 
 def read_profile(path: str | os.PathLike[str]) -> Profile:
-    """Read and check a profile; keys that the format does not know are ignored.
+    """Read and check a profile; keys that the format does not know are ignored, where they are no slips.
 
     Raises
     ------
@@ -135,6 +137,7 @@ def profile_document(profile: Profile) -> dict[str, Any]:
 
 
 def _profile(top: FileTable) -> Profile:
+    top.know_nearly("format", "sensors", "temperature", "humidity", "provenance")
     temperature = None if (part := top.child("temperature")) is None else _temperature(part)
     humidity = None if (part := top.child("humidity")) is None else _humidity(part)
     if temperature is None and humidity is None:
@@ -156,9 +159,11 @@ def _profile(top: FileTable) -> Profile:
 
 def _temperature(part: FileTable) -> TemperatureProfile:
     key = "thermal_diffusivity_m2_s"
+    part.know_nearly("bead_radius_m", key, "noise_k", *OF_BOTH)
     stated = part.child(key)
     if stated is None:
         raise part.error(key, 'an object with "value" and "standard_uncertainty"', None, "add it")
+    stated.know_nearly("value", "standard_uncertainty")
     alpha = stated.demand("value", _rate(stated, "value"), "a positive number")
     radius = part.number("bead_radius_m", RANGES["bead_radius_m"])
     return TemperatureProfile(
@@ -173,6 +178,7 @@ def _temperature(part: FileTable) -> TemperatureProfile:
 
 
 def _humidity(part: FileTable) -> HumidityProfile:
+    part.know_nearly("film_thickness_m", "diffusivity_table", "noise_percent", *OF_BOTH)
     thickness = part.number("film_thickness_m", RANGES["film_thickness_m"])
     return HumidityProfile(
         diffusivity_table=_table(part),
@@ -188,6 +194,7 @@ def _table(humidity: FileTable) -> tuple[DiffusivityRow, ...]:
     times = {item.number("ambient_temperature_c"): _response_time(item) for item in humidity.items("response_time_s")}
     rows: list[DiffusivityRow] = []
     for item in humidity.items("diffusivity_table"):
+        item.know_nearly("ambient_temperature_c", "diffusivity_m2_s", "standard_uncertainty", "runs")
         stated = item.number("ambient_temperature_c", RANGES["temperature_c"])
         ambient_c = item.demand("ambient_temperature_c", stated)
         key = "diffusivity_m2_s"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 LEAST_LIKENESS = 0.6  # of difflib's ratio, its own default
+ALIKE_KEYS = 0.72  # where unknown keys are allowed: "airflow" and "airflow_m_s" are alike, "note" and "name" are not
 
 
 def nearest(word: str, known: Iterable[str], least: float = LEAST_LIKENESS) -> str | None:

@@ -163,6 +163,23 @@ def test_errors_name_file_and_key(tmp_path, changes, named):
     assert "profile.json" in str(error.value)
 
 
+@pytest.mark.parametrize(
+    ("place", "meant", "slip"),
+    [
+        ("", "temperature", "temperatur"),
+        ("temperature__", "thermal_diffusivity_m2_s", "thermal_difusivity_m2_s"),
+        ("temperature__", "bead_radius_m", "bead_radius_mm"),
+        ("temperature__thermal_diffusivity_m2_s__", "standard_uncertainty", "standart_uncertainty"),
+        ("humidity__diffusivity_table__1__", "diffusivity_m2_s", "difusivity_m2_s"),
+        ("humidity__", "effects", "efects"),
+    ],
+)
+def test_a_misspelt_key_is_told_as_one_and_with_what_was_meant(tmp_path, place, meant, slip):
+    document = changed(**{place + meant: ..., place + slip: 1.0})
+    with pytest.raises(InputError, match=f"unknown key '{slip}'; did you mean '{meant}'"):
+        read_profile(written(tmp_path, document))
+
+
 @pytest.mark.parametrize("text", ["", "{", "[1, 2]", '{"format": NaN}', "[" * 100_000, "\x00", '"x"'])
 def test_what_is_no_profile_is_refused(tmp_path, text):
     path = tmp_path / "profile.json"

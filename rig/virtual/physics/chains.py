@@ -7,6 +7,7 @@ A sphere is cells in r (areas r^2), a film is cells in x graded towards its open
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -16,8 +17,16 @@ from scipy.linalg import lapack
 
 try:
     from shockrig.rig.virtual.physics._march import advance as _advance
-except ImportError:  # built where there is a compiler
+except ModuleNotFoundError:  # built where there is a compiler
     _advance = None  # type: ignore[assignment]
+except ImportError:
+    _advance = None  # type: ignore[assignment]
+    warnings.warn(
+        "the compiled part of the virtual bench (_march) is of an older version and is not used, so that emulated "
+        "campaigns take longer; install shockrig once more (pip install .) to build it",
+        RuntimeWarning,
+        stacklevel=2,
+    )
 
 SPHERE_CELLS = 80
 FILM_CELLS = 80
