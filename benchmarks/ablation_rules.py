@@ -173,7 +173,7 @@ RULES = (
     Rule("limit of fits", "200 fits of a search", {f"{S}MOST_FITS": 1e9}),
     Rule("mirror", "a share at its end changes places with the body", {f"{R}mirror": _none, f"{S}mirror": _none}),
     Rule("nudges", "fits from beside a step", {f"{R}_nudged": _nothing}),
-    Rule("unstuck", "runs stuck before a step are moved", {f"{R}_unstuck": _second}),
+    Rule("unstuck", "runs stuck before a step are moved", {f"{R}unstuck": _second}),
     Rule("far rounds", "five rounds where the model is plainly wrong", {f"{R}FAR_ROUNDS": 1}),
     # The description.
     Rule("all descriptions", "the grammar's search", {f"{W}describe_rest": _none}),

@@ -33,6 +33,7 @@ from shockrig.analysis.estimate.scan import (
     descended_point,
     evolve,
     rough_point,
+    unstuck,
 )
 from shockrig.files.causes import StatedEffect
 from shockrig.files.diagnosis import read_diagnosis
@@ -185,10 +186,10 @@ def fit_part(
     start = Model(channel, extension.structure).start(log_rates, dict(extension.starts or {}))
     deviations = channel.at_rest()
     deviations[:, RunEffect.START] = late_s
-    found = fit(problem, extension.structure, start, deviations)
+    found = unstuck(problem, fit(problem, extension.structure, start, deviations))
     if start.size > channel.rates:
         again = descended_point(problem, extension.structure)
-        second = fit(problem, extension.structure, again.theta, again.deviations)
+        second = unstuck(problem, fit(problem, extension.structure, again.theta, again.deviations))
         found = second if second.deviance < found.deviance - SAME_DEVIANCE else found
     part = make_part(problem, labelled(problem, found))
     rows, undetermined = joint_rows(part, noise, basis, optima)
@@ -244,7 +245,7 @@ def quick_part(
     for basis, extension in models.items():
         point = rough_point(problem, extension.structure, extension.starts)
         theta = Model(channel, extension.structure).start(point.theta[: channel.rates], dict(extension.starts or {}))
-        found = fit(problem, extension.structure, theta, point.deviations, iterations=40)
+        found = unstuck(problem, fit(problem, extension.structure, theta, point.deviations, iterations=40))
         parts[basis] = make_part(problem, labelled(problem, found))
     basis = min(parts, key=lambda name: parts[name].rmse)
     rows, undetermined = joint_rows(parts[basis], noise, basis)

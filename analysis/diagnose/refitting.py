@@ -13,20 +13,13 @@ from shockrig.analysis.estimate.effect import Effect, by_name
 from shockrig.analysis.estimate.fit import Fit, fit, objective_at
 from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.estimate.problem import Problem
-from shockrig.analysis.estimate.scan import open_starts, rough_point, scanned_starts
+from shockrig.analysis.estimate.scan import open_starts, plainly_wrong, rough_point, unstuck
 from shockrig.analysis.physics.bodies import BODIES
 
 Array = NDArray[np.float64]
 
 SHARE_OF_RANGE = 0.98  # from which a share stands at the end of its range
-PLAINLY_WRONG = 3.0  # objective per bin from which a fit's deviations mean nothing
 NUDGED_FITS = 3  # from beside where one ended
-MOST_SCANS = 3  # for starts that nobody recorded, each from where the fit before ended
-
-
-def plainly_wrong(problem: Problem, found: Fit) -> bool:
-    """Whether a fit is so far off that the runs' deviations, and the last digits of its misfit, mean nothing."""
-    return found.objective > PLAINLY_WRONG * problem.channel.count.size
 
 
 def refit(
@@ -46,7 +39,7 @@ def refit(
     lost = len(structure.effects) < len(near.structure.effects) and plainly_wrong(problem, best)
     if not lost and not plainly_wrong(problem, near):
         best = min((best, fit(problem, structure, theta, near.deviations, iterations)), key=lambda f: f.deviance)
-    best = _unstuck(problem, best, iterations)
+    best = unstuck(problem, best, iterations)
     if plainly_wrong(problem, best) and not problem.channel.conditions.start_known.all():
         # Starts that were found under a model that is wrong need not be those of this one.
         anew = rough_point(problem, structure, near.choice)
@@ -98,31 +91,7 @@ def _nudged(problem: Problem, found: Fit) -> list[Fit]:
 def plain_fit(problem: Problem, structure: Structure = PLAIN) -> Fit:
     """Fit of the plain model (with the effects of the readings that `structure` holds fixed)."""
     start = rough_point(problem, structure)
-    return _unstuck(problem, fit(problem, structure, start.theta, start.deviations, iterations=40))
-
-
-def _unstuck(problem: Problem, found: Fit, iterations: int = 40) -> Fit:
-    """The fit with the runs moved that are stuck on one side of a step: one of them may pass for an effect.
-
-    Where the model is plainly wrong, those alone whose starts nobody recorded: they are all that it has to go by.
-    """
-    if not found.converged:
-        return found
-    wrong = plainly_wrong(problem, found)
-    known = problem.channel.conditions.start_known
-    if wrong and known.all():
-        return found
-    for _ in range(MOST_SCANS if wrong else 1):
-        moved = scanned_starts(problem, found)
-        if moved is None:
-            break
-        if wrong:
-            moved = np.where(known[:, None], found.deviations, moved)
-        again = fit(problem, found.structure, found.theta, moved, iterations)
-        if again.deviance > found.deviance - 1.0:
-            break
-        found = again
-    return found
+    return unstuck(problem, fit(problem, structure, start.theta, start.deviations, iterations=40))
 
 
 def begun_anew(problem: Problem, near: Fit) -> Array:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.diagnose.candidates import Candidate, bare_forms, candidates, in_group_of, kin_of, sound
 from shockrig.analysis.diagnose.grammar import splits
-from shockrig.analysis.diagnose.refitting import begun_anew, plain_fit, plainly_wrong, rate_shift, refit
+from shockrig.analysis.diagnose.refitting import begun_anew, plain_fit, rate_shift, refit
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.effects.behaviours import (
     ONLY_BEFORE,
@@ -38,7 +38,7 @@ from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.estimate.predictive import Score, bumps, score, weights
 from shockrig.analysis.estimate.problem import RATE_SCATTER, Problem
 from shockrig.analysis.estimate.quantity import RunEffect
-from shockrig.analysis.estimate.scan import rough_point, rough_rates
+from shockrig.analysis.estimate.scan import plainly_wrong, rough_point, rough_rates
 
 Array = NDArray[np.float64]
 Starts = Sequence[Mapping[str, float]]

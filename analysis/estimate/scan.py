@@ -34,6 +34,8 @@ USUAL_SCATTER_S = 0.5  # of a start that was estimated
 LATE_S = np.arange(-0.8, 0.81, 0.04)  # starts that are tried beside it
 STUCK_MEAN_SQUARE = 1.7  # mean square of a run's whitened residuals from which its start is looked for anew
 START_GRID = np.linspace(-3.0, 3.0, 25)  # in standard deviations of a start
+PLAINLY_WRONG = 3.0  # objective per bin from which a fit's deviations mean nothing
+MOST_SCANS = 3  # for starts that nobody recorded, each from where the fit before ended
 
 
 def rough_rates(
@@ -107,6 +109,58 @@ def scanned_starts(problem: Problem, found: Fit, stuck: float = STUCK_MEAN_SQUAR
     cost = (left**2).sum(axis=-1) + START_GRID[:, None] ** 2
     moved = found.deviations.copy()
     moved[index, RunEffect.START] = tried[np.argmin(cost, axis=0), np.arange(index.size), RunEffect.START]
+    return np.asarray(moved)
+
+
+def plainly_wrong(problem: Problem, found: Fit) -> bool:
+    """Whether a fit is so far off that the runs' deviations, and the last digits of its misfit, mean nothing."""
+    return found.objective > PLAINLY_WRONG * problem.channel.count.size
+
+
+def unstuck(problem: Problem, found: Fit, iterations: int = 40) -> Fit:
+    """The fit with the runs moved that are stuck on one side of a step: one of them may pass for an effect.
+
+    Where the model is plainly wrong, those alone whose starts nobody recorded: they are all that it has to go by.
+    """
+    if not found.converged:
+        return found
+    wrong = plainly_wrong(problem, found)
+    known = problem.channel.conditions.start_known
+    if wrong and known.all():
+        return found
+    for _ in range(MOST_SCANS if wrong else 1):
+        moved = scanned_starts(problem, found)
+        if moved is None:
+            break
+        if wrong:
+            moved = np.where(known[:, None], found.deviations, moved)
+        again = fit(problem, found.structure, found.theta, moved, iterations)
+        if again.deviance > found.deviance - 1.0:
+            break
+        found = again
+    across = _across_reading(problem, found)
+    if across is not None:
+        found = min((found, fit(problem, found.structure, found.theta, across, iterations)), key=lambda f: f.deviance)
+    return found
+
+
+def _across_reading(problem: Problem, found: Fit) -> Array | None:
+    """Deviations with the unrecorded start of a run that is alone, and misfits, beyond the reading next to it.
+
+    The objective has a valley between each two readings. A scan that holds the rest goes from one to the other where
+    other runs say what the rest is; of a run alone, start and rates are found together in each of them.
+    """
+    channel = problem.channel
+    if channel.runs > 1 or channel.conditions.start_known[0] or run_misfit(problem, found)[0] <= STUCK_MEAN_SQUARE:
+        return None
+    time_s = np.sort(channel.time_s[0, channel.count[0] > 0])
+    start_s = found.deviations[0, RunEffect.START]
+    nearest = int(np.argmin(np.abs(time_s - start_s)))
+    beyond = nearest + (1 if start_s < time_s[nearest] else -1)
+    if not 0 <= beyond < time_s.size:
+        return None
+    moved = found.deviations.copy()
+    moved[0, RunEffect.START] = 0.5 * (time_s[nearest] + time_s[beyond])
     return np.asarray(moved)
 
 

@@ -12,6 +12,7 @@ from shockrig.analysis.estimate.fit import fit
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import PLAIN
 from shockrig.analysis.estimate.quantity import RunEffect
+from shockrig.analysis.estimate.scan import unstuck
 from shockrig.files.campaign import Campaign, Run, RunAir, Trace
 from shockrig.rig.virtual.plans import wide_plan
 from shockrig.rig.virtual.truth import Hidden, TrueNoise
@@ -42,6 +43,38 @@ def test_a_wrong_model_ends_where_no_other_start_leaves_less():
         begun = found.deviations.copy()
         begun[:, RunEffect.START] += shift_s
         assert fit(problem, wrong, found.theta, begun, 40).objective > 0.99 * found.objective
+
+
+def lone_plunge():
+    """Three exponentials after a transfer of one second, the last reading before it 0.3 s after its begin."""
+    period_s = 1.144
+    time = period_s * np.arange(160)
+    late = np.maximum(time - 60 * period_s + 0.33, 0.0)
+    shown = np.zeros(time.size)
+    for share, lag in ((0.5, 2.5), (0.3, 8.0), (0.2, 40.0)):
+        moving = late - lag * (1.0 - np.exp(-late / lag))
+        moved = 1.0 - lag * (np.exp(-(late - 1.0) / lag) - np.exp(-late / lag))
+        shown += share * np.where(late < 1.0, moving, moved)
+    value = 24.0 - 20.0 * shown + 0.05 * np.random.default_rng(3).standard_normal(time.size)
+    nobody = RunAir(None, None)
+    run = Run("1", nobody, nobody, None, 1000.0, None, None, Trace(time, {"temperature_c": value}), None)
+    bodies = {"imet": "lumped", "hyt": "film"}
+    return build_channel(Campaign("n", None, {}, 4e-4, 1e-5, (run,), bodies), "temperature")
+
+
+def test_a_lone_run_is_fitted_on_the_better_side_of_the_reading_at_its_transfer():
+    """Two valleys of start and rates, one on each side; a scan that holds the rates stays in either."""
+    problem = prepare(lone_plunge()).problem
+    two = PLAIN.adding(CATALOGUE["parallel_lag"])
+    found = refit(problem, two, plain_fit(problem))
+    sides = []
+    for start_s in (-0.6, 0.4):
+        begun = np.full_like(found.deviations, 0.0)
+        begun[:, RunEffect.START] = start_s
+        sides.append(fit(problem, two, found.theta, begun, 40))
+    best = min(one.objective for one in sides)
+    assert max(one.objective for one in sides) > 1.05 * best
+    assert all(unstuck(problem, one).objective < 1.001 * best for one in [*sides, found])
 
 
 def test_an_air_film_is_found_where_it_makes_the_bead_many_times_slower(tmp_path):
