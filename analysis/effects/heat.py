@@ -176,6 +176,7 @@ WALL_RADIATION = Effect(
         _airflow_varied,
     ),
     in_flight=InFlight(left=True),
+    surroundings=True,
 )
 
 

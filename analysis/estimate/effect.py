@@ -275,6 +275,8 @@ class Effect:
         None where it may act in any campaign.
     in_flight : InFlight or None
         How a correction treats it; None where it is the bench's or its logger's, and does not fly.
+    surroundings : bool
+        Whether what is around the probes does it, though another link than the air shows it.
     order : int
         Its place in the chain, set by the catalogue.
     """
@@ -292,12 +294,18 @@ class Effect:
     candidacy: Candidacy = Candidacy()
     readout: Readout = Readout()
     in_flight: InFlight | None = None
+    surroundings: bool = False
     order: int = 0
 
     @property
     def of_sensor(self) -> bool:
         """Whether it belongs to the sensor, and not to the bench or its logger: the sensor is what flies."""
         return self.in_flight is not None
+
+    @property
+    def of_surroundings(self) -> bool:
+        """Whether all probes that are side by side feel it alike: the air does it, or what is around them."""
+        return self.surroundings or self.link == "air"
 
     @property
     def fitted(self) -> bool:

@@ -204,7 +204,7 @@ def stated(found: ChannelResult, part: Part, *, effects: bool) -> tuple[list[int
             places.append(g)
             names.append(Coordinate(channel.name, ALPHA) if channel.quantity.pooled else film(row.ambient_c))
     for k, (effect, parameter) in enumerate(model.structure.parameters, start=channel.rates):
-        if effects and effect.of_sensor and places:
+        if effects and effect.of_sensor and not effect.of_surroundings and places:
             places.append(k)
             names.append(Coordinate(channel.name, f"{effect.id}.{parameter.name}", log=parameter.log))
     return places, names

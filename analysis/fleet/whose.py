@@ -6,8 +6,8 @@ scatter as a type's do, by a share of themselves that has a half-Cauchy prior: a
 some benches types however little their values differ.
 
 Effects that one diagnosis cannot tell apart are one cause here, whichever of them each probe's diagnosis names. Whose
-it is then tells which: the air is what all probes feel, so that what a single one shows is not the air's, and what all
-of them show with one value is the air's before it is a fault that each of them has.
+it is then tells which: all probes feel the air and the walls around them, so that what a single one shows is not of
+these, and what all of them show with one value is, before it is a fault that each of them has.
 """
 
 from __future__ import annotations
@@ -29,7 +29,6 @@ Array = NDArray[np.float64]
 
 MOST = 0.5  # of the sensors: more than so many
 SPREADS = (np.arange(200) + 0.5) / 200.0  # quantiles of a type's spread that are tried
-AIR_LINK = "air"
 
 
 @dataclass(frozen=True)
@@ -91,15 +90,17 @@ def _judged(channel: str, alike: frozenset[str], seen: Sequence[DiagnosedProbe])
         beside = [one for one in seen if one.campaign in campaigns]
         together = len(campaigns) == 1 and len(beside) >= LEAST_SENSORS and len(having) > MOST * len(beside)
         whose = BENCH if together and common else SEVERAL
-    fits = [effect for effect in alike if whose == SEVERAL or _of_air(effect) == (whose == BENCH)] or list(alike)
+    fits = [effect for effect in alike if whose == SEVERAL or _of_surroundings(effect) == (whose == BENCH)] or list(
+        alike
+    )
     effect = min(fits, key=lambda one: (-named[one], one))
     parameters = parameters if effect == most else _parameters(having, effect)
     open_, out = (tuple(sorted(alike & set(fits) - {effect})), tuple(sorted(alike - set(fits))))
     return FleetCause(channel, effect, whose, tuple(carriers), len(all_), tuple(campaigns), parameters, open_, out)
 
 
-def _of_air(effect: str) -> bool:
-    return effect in CATALOGUE and CATALOGUE[effect].link == AIR_LINK
+def _of_surroundings(effect: str) -> bool:
+    return effect in CATALOGUE and CATALOGUE[effect].of_surroundings
 
 
 def _parameters(having: Sequence[DiagnosedProbe], effect: str) -> dict[str, SharedParameter]:

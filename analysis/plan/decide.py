@@ -24,7 +24,6 @@ from shockrig.analysis.estimate.fit import Fit, linearise
 from shockrig.analysis.estimate.model import Point, Structure
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, looked_for
 from shockrig.analysis.fleet.prior import WithFleet, with_population
-from shockrig.analysis.fleet.whose import AIR_LINK
 from shockrig.analysis.plan.choose import UNTOLD, Choice, chase, choose_runs
 from shockrig.analysis.plan.decision import (
     CONTINUE,
@@ -127,10 +126,10 @@ def _if_true_beside(look: ChannelLook, i: int, now: Array, shocks: Sequence[Plan
 
 
 def _beside(found: Fit, common: frozenset[str]) -> tuple[Structure, list[int], Array]:
-    """An explanation of one probe's runs as a second probe's: the effects of the air, with those that no rival denies;
+    """An explanation of one probe's runs as a second probe's: effects of the surroundings, those that no rival denies;
     where its theta stands in the first one's, and what that one's runs say of the effects (a precision)."""
     model = found.model
-    kept = found.structure.keeping(common | {e.id for e in found.structure.effects if e.link == AIR_LINK})
+    kept = found.structure.keeping(common | {e.id for e in found.structure.effects if e.of_surroundings})
     effects = [model.place(name) for name in kept.names]
     rates = range(model.channel.rates)
     places = [*rates, *effects, *range(model.size - len(model.shared), model.size)]

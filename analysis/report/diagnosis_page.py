@@ -187,12 +187,13 @@ def _causes_table(found: ChannelDiagnosis) -> Table:
     rows = []
     for cause in ordered(found.causes):
         effect = CATALOGUE[cause.effect]
+        own = effect.of_sensor and not effect.of_surroundings
         rows.append(
             [
                 named(cause.effect),
                 values_text(found.name, cause) or "no parameter",
                 f"{100 * cause.probability:.1f} %",
-                effect.link + (", the sensor's" if effect.of_sensor else ", the bench's"),
+                effect.link + (", the sensor's" if own else ", the bench's"),
                 listed([named(e) for e in cause.indistinguishable_from], "or") or "–",
             ]
         )

@@ -26,7 +26,7 @@ from shockrig.analysis.fleet.whose import DiagnosedProbe, causes_of, judged_caus
 from shockrig.analysis.report.fleet_page import cause_sentence, write_fleet_page
 from shockrig.files.causes import StatedEffect, Uncertain
 from shockrig.files.errors import InputError
-from shockrig.files.fleet import BENCH, TYPE, fleet_document, read_fleet
+from shockrig.files.fleet import BENCH, SENSOR, TYPE, fleet_document, read_fleet
 from shockrig.files.profile import read_profile, write_profile
 from shockrig.protocols import fleet_map
 from shockrig.protocols.cli import main
@@ -169,6 +169,19 @@ def test_whose_a_cause_is(tmp_path, places, benches, spread, whose, said):
     jsonschema.validate(json.loads((tmp_path / "fleet.json").read_text()), SCHEMA)
     assert read_fleet(tmp_path / "fleet.json").causes == fleet.causes
     assert "Whose the causes are" in write_fleet_page(fleet, tmp_path).read_text()
+
+
+def test_walls_are_what_all_probes_feel_and_warmth_what_one_has():
+    value = {"rise_k_at_10_k": Uncertain(0.2, 0.01)}
+    warm = StatedEffect("self_heating", {"rise_k_at_5_m_s": Uncertain(0.2, 0.01)}, 0.6, ("wall_radiation",))
+    walls = StatedEffect("wall_radiation", value, 0.6, ("self_heating",))
+    for showing, whose, named, out in (
+        ([warm] * 5 + [walls] * 3, BENCH, "wall_radiation", "self_heating"),
+        ([None, None, walls, *[None] * 5], SENSOR, "self_heating", "wall_radiation"),
+    ):
+        probes = [DiagnosedProbe(str(k), "c", "b", (one,) if one else ()) for k, one in enumerate(showing)]
+        (cause,) = judged_causes("temperature", probes)
+        assert (cause.whose, cause.effect, cause.ruled_out) == (whose, named, (out,))
 
 
 def test_values_that_are_one_are_told_from_those_of_a_type():
