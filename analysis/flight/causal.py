@@ -170,7 +170,7 @@ class CausalChannel:
             self.used_s = seen.time_s
             level = (offset + gain * reading) * unit
             if judged.restart or not self.started:
-                bank.start(level, self.spread, weight, passing, speed)
+                bank.start(level, self.spread, weight, passing, speed, strength)
                 self.started = True
             bank.update(level, judged.variance * (gain * unit) ** 2)
         told.since_used_s, told.since_read_s = seen.time_s - self.used_s, seen.time_s - self.read_s

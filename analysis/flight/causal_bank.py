@@ -92,9 +92,19 @@ class Bank:
         self.index = np.arange(self.size)
         self.count = self.first = 0
 
-    def start(self, level: float, spread: float, weight: Array, passing_sigma: float = 0.0, speed: float = 1.0) -> None:
-        """Air, slope and lags anywhere within `spread` of a reading; turbulence as it is on the long run."""
-        self.middle = float(np.sqrt(self.ladder.lowest * self.ladder.highest)) * self.unit
+    def start(
+        self,
+        level: float,
+        spread: float,
+        weight: Array,
+        passing_sigma: float = 0.0,
+        speed: float = 1.0,
+        usual: float | None = None,
+    ) -> None:
+        """Air, slope and lags anywhere within `spread` of a reading; turbulence as it is on the long run, as strong as
+        `usual` where that is known."""
+        middle = float(np.sqrt(self.ladder.lowest * self.ladder.highest)) * self.unit
+        self.middle = middle if usual is None else self._possible(usual)
         self.likely = np.full(FILTER_COUNT, 1.0 / FILTER_COUNT)
         self.mean = np.zeros((FILTER_COUNT, self.size))
         self.mean[:, 0] = level

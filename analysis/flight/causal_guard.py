@@ -23,6 +23,8 @@ LEAST_NOISE, MOST_NOISE = 0.5, 10.0  # times what is stated
 MOST_DIFFERENCE = 30.0  # times the noise: one difference says no more than that
 SOFT_EDGE = 0.2  # of the shares about WHITE over which readings turn from a signal into noise
 CHANGES_KEPT = 32  # over which the smallest change of a log's readings is its step
+DECIMAL_STEPS = (1.0, 0.1, 0.01)  # in which logs are written, the coarsest first,
+WRITTEN_WITHIN = 0.01  # and how near a multiple of one a reading in such steps is, over it
 REPEATS_ROWS = 50.0
 TIMES_BY_CHANCE = 2.0  # as many repeats as rounding alone makes
 LASTING_ROWS = 10  # refused readings in a row, after which they are the sensor's
@@ -57,6 +59,7 @@ class Guard:
         """A start of which nothing is known."""
         self.last = self.before = self.third = np.nan  # believed readings, the latest first
         self.step, self.smallest, self.smallest_before, self.changes = 0.0, np.inf, np.inf, 0
+        self.decimals = 0  # place in DECIMAL_STEPS of the coarsest that readings are written in
         self.often, self.width = 0.0, 0.0  # share of repeats, mean size of a change
         self.anchor, self.stays, self.equal = np.nan, 0, 0
         self.refused, self.unused = 0, 0
@@ -65,8 +68,11 @@ class Guard:
 
     @property
     def resolution(self) -> float:
-        """Step of the log, 0 while it is not known."""
-        return self.step if self.changes >= FEWEST_CHANGES else 0.0
+        """Step of the log, 0 where it is not known. Before readings have changed, which in calm air they do not, it is
+        the one that they are written in."""
+        if self.changes >= FEWEST_CHANGES:
+            return self.step
+        return DECIMAL_STEPS[self.decimals] if self.decimals < len(DECIMAL_STEPS) else 0.0
 
     @property
     def coarse(self) -> bool:
@@ -120,6 +126,10 @@ class Guard:
 
     def _believed(self, reading: float, alike: float = 0.0) -> bool:
         """Take in a reading that can be; whether it repeats the one before for no reason that rounding gives."""
+        for step in DECIMAL_STEPS[self.decimals :]:
+            if abs(reading / step - round(reading / step)) <= WRITTEN_WITHIN:
+                break
+            self.decimals += 1
         if not np.isfinite(self.last):
             self.last = self.anchor = reading
             return False

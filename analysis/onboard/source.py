@@ -167,6 +167,7 @@ def _numbers(design: Design, number: Callable[[float], str]) -> dict[str, str]:
         "BURST_ROWS": causal_guard.BURST_ROWS,
         "NOISE_ROWS": causal_guard.NOISE_ROWS,
         "REPEATS_ROWS": causal_guard.REPEATS_ROWS,
+        "WRITTEN_WITHIN": causal_guard.WRITTEN_WITHIN,
         "LEVELS": STUCK_LEVELS * causal_guard.ROUNDING_FACTOR,
         "LEVELS_PLAIN": STUCK_LEVELS,
         "MEAN_SIZE": size,
@@ -188,6 +189,7 @@ def _numbers(design: Design, number: Callable[[float], str]) -> dict[str, str]:
         "FILM_STATES": states(film, not design.by_activity),
         "STATE_BYTES": state_bytes(design),
         "FEWEST_CHANGES": FEWEST_CHANGES,
+        "DECIMAL_COUNT": len(causal_guard.DECIMAL_STEPS),
         "CHANGES_KEPT": causal_guard.CHANGES_KEPT,
         "LASTING": causal_guard.LASTING_ROWS,
         "STRENGTHS": STRENGTH_COUNT,
@@ -200,6 +202,7 @@ def _numbers(design: Design, number: Callable[[float], str]) -> dict[str, str]:
         "OU_VARIANCES": OU_VARIANCES,
         "TURBULENCE": causal_bank.TURBULENCE,
         "BENDS": causal_bank.BENDS,
+        "DECIMAL_STEPS": causal_guard.DECIMAL_STEPS,
     }
     return (
         {name: number(float(value)) for name, value in decimals.items()}

@@ -248,7 +248,7 @@ static estimate air_ahead(const bank *b, float ahead) {
 static void start(bank *b, float level, const course *c) {
   uint8_t f, i, n = b->d->size;
   float square[SHOCK_FILTERS], wide = b->d->spread * b->unit * (b->d->spread * b->unit);
-  b->own->middle = sqrtf(b->d->lowest * b->d->highest) * b->unit;
+  b->own->middle = c->usual > 0.0f ? possible(b, c->usual) : sqrtf(b->d->lowest * b->d->highest) * b->unit;
   strengths(b, square);
   for (f = 0; f < SHOCK_FILTERS; f++) {
     float *mean = b->mean + (size_t)f * n, *p = b->p + f * packed_size(b);
@@ -452,7 +452,18 @@ static void update(bank *b, const float *on, float reading, float noise_variance
 
 /* The guard */
 
-static float resolution(const shock_guard *g) { return g->changes >= @FEWEST_CHANGES@ ? g->step : 0.0f; }
+static const float DECIMAL_STEP[@DECIMAL_COUNT@ + 1] = {@DECIMAL_STEPS@, 0.0f}; /* the last: written in none of them */
+
+/* Step of the log: before readings have changed, which in calm air they do not, the one that they are written in. */
+static float resolution(const shock_guard *g) {
+  return g->changes >= @FEWEST_CHANGES@ ? g->step : DECIMAL_STEP[g->decimals];
+}
+
+static int written_in(float reading, float step) {
+  float steps = reading / step;
+  return fabsf(steps - floorf(steps + 0.5f)) <= @WRITTEN_WITHIN@;
+}
+
 static int is_coarse(const design *d, const shock_guard *g) { return resolution(g) > @COARSE@ * d->noise; }
 
 static float white(const float *memory) {
@@ -476,7 +487,7 @@ static void forget(shock_guard *g) {
   g->often = g->width = 0.0f;
   g->burst[0] = g->burst[1] = g->usual[0] = g->usual[1] = 1.0f;
   g->changes = g->stays = g->equal = g->unused = 0;
-  g->refused = 0;
+  g->refused = g->decimals = 0;
 }
 
 static void differences(const design *d, shock_guard *g, float reading, float alike) {
@@ -498,6 +509,7 @@ static uint16_t one_more(uint16_t n) { return n < 60000u ? (uint16_t)(n + 1u) : 
 static int believed(const design *d, shock_guard *g, float reading, float alike) {
   float change, step, by_chance;
   int same;
+  while (g->decimals < @DECIMAL_COUNT@ && !written_in(reading, DECIMAL_STEP[g->decimals])) g->decimals++;
   if (!isfinite(g->last)) {
     g->last = g->anchor = reading;
     return 0;

@@ -48,7 +48,7 @@ typedef struct {
   float often, width, anchor;
   float burst[2], usual[2];
   uint16_t changes, stays, equal, unused;
-  uint8_t refused;
+  uint8_t refused, decimals;
 } shock_guard;
 
 typedef struct {

@@ -171,7 +171,7 @@ end
 local function start(b, level, c)
   local d = b.d
   local wide = d.spread * b.unit * (d.spread * b.unit)
-  b.middle = sqrt(d.lowest * d.highest) * b.unit
+  b.middle = c.usual and possible(b, c.usual) or sqrt(d.lowest * d.highest) * b.unit
   local square, n = strengths(b), d.size
   b.mean, b.p, b.likely = {}, {}, {}
   for f = 1, FILTERS do
@@ -353,7 +353,16 @@ local function update(b, on, reading, noise_variance)
   learn(b, within(@LEARNING@ * calm * (cost[WEAK] - cost[STRONG]), -@MOST_LEARNT@, @MOST_LEARNT@))
 end
 
-local function resolution(g) return g.changes >= @FEWEST_CHANGES@ and g.step or 0.0 end
+local DECIMAL_STEPS = {@DECIMAL_STEPS@, 0.0} -- the last: written in none of them
+
+-- before readings have changed, which in calm air they do not, the step that they are written in
+local function resolution(g) return g.changes >= @FEWEST_CHANGES@ and g.step or DECIMAL_STEPS[g.decimals] end
+
+local function written_in(reading, step)
+  local steps = reading / step
+  return abs(steps - math.floor(steps + 0.5)) <= @WRITTEN_WITHIN@
+end
+
 local function is_coarse(d, g) return resolution(g) > @COARSE@ * d.noise end
 local function white(m) return within((m[1] / max(m[2], 1e-9) - @WHITE@ + @SOFT@) / @SOFT@, 0.0, 1.0) end
 local function usual_noise(m) return within(1.0 + white(m) * (m[1] - 1.0), @LEAST_NOISE@, @MOST_NOISE@) end
@@ -366,7 +375,8 @@ end
 local function fresh_guard()
   return {
     step = 0.0, smallest = INFINITE, smallest_before = INFINITE, often = 0.0, width = 0.0, burst = {1.0, 1.0},
-    usual = {1.0, 1.0}, changes = 0, stays = 0, equal = 0, unused = 0, refused = 0
+    usual = {1.0, 1.0}, changes = 0, stays = 0, equal = 0, unused = 0, refused = 0,
+    decimals = 1
   }
 end
 
@@ -382,6 +392,9 @@ local function differences(d, g, reading, alike)
 end
 
 local function believed(d, g, reading, alike)
+  while g.decimals <= @DECIMAL_COUNT@ and not written_in(reading, DECIMAL_STEPS[g.decimals]) do
+    g.decimals = g.decimals + 1
+  end
   if not g.last then
     g.last, g.anchor = reading, reading
     return false

@@ -108,6 +108,34 @@ def test_where_readings_say_little_the_strength_goes_to_the_usual_one():
     assert bank.middle == pytest.approx(0.5, rel=0.2)
 
 
+def test_a_start_takes_the_strength_that_is_usual():
+    bank, weight = Bank(HUMIDITY_LADDER, 1, False), np.array([1.0])
+    bank.start(50.0, 10.0, weight, usual=0.5)
+    assert bank.middle == 0.5
+    np.testing.assert_allclose(bank.p[0, 2:5, 2:5].diagonal(), (0.5 * causal_bank.TURBULENCE[0]) ** 2 * OU_VARIANCES)
+
+
+@pytest.mark.parametrize(("decimals", "step"), [(0, 1.0), (1, 0.1), (2, 0.01), (4, 0.0)])
+def test_a_log_that_hardly_changes_tells_its_step_by_its_decimals(decimals, step):
+    """In calm air coarse readings stay where they are, and their changes tell nothing of a step."""
+    guard = Guard(design_of(typical_profile(), 1.0).humidity, ())
+    for value in np.round([47.3123, 47.3123, 47.4321, 47.4321], decimals):
+        judged = guard.judge(float(value), float(value), 1.0)
+    assert guard.resolution == step
+    assert judged.variance >= step**2 / 12.0
+
+
+def test_coarse_readings_of_calm_air_are_within_their_rounding():
+    time_s, rng, unknown = np.arange(200.0), np.random.default_rng(8), np.full(200, np.nan)
+    temperature = np.round(21.43 + 0.02 * rng.standard_normal(200), 1)
+    humidity = np.round(47.38 + 0.06 * rng.standard_normal(200))
+    done = correct(
+        Flight(time_s, temperature, humidity, unknown, unknown, unknown), typical_profile(), "causal", lag_s=5.0
+    )
+    off = np.abs(done.humidity_percent - 47.38)[5:]
+    assert np.mean(off <= 1.96 * done.humidity_uncertainty_percent[5:]) > 0.9
+
+
 def test_what_goes_through_readings_with_temperature_is_no_noise_of_theirs():
     design = design_of(typical_profile(), 0.1).humidity
     reading = 50.0 + np.hypot(design.noise, 0.5) * np.random.default_rng(2).standard_normal(400)
