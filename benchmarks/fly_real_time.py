@@ -3,7 +3,8 @@
     python benchmarks/fly_real_time.py [SECONDS]        600 by default; needs a C compiler for the preload library
 
 A serial line falls silent, the I2C bus does not answer, a chip is slow, lines come twice, a MAVLink port is
-never read, and in the middle the process is killed (SIGKILL) and started again.
+never read, and in the middle the process is killed (SIGKILL) and started again. Beside it a peer that computes for some
+milliseconds each period, as a row does, tells how much of the delay is the machine's own.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from pathlib import Path
 
@@ -24,6 +26,7 @@ from shockrig.files.profile import write_profile
 from shockrig.rig.recorder.run import read_run
 
 PERIOD_S = 0.1
+ROW_S = 0.005  # of processor, that a row takes or less
 BENCH = """[bench]
 name = "drone"
 [sensors.imet]
@@ -37,6 +40,31 @@ kind = "manual"
 [reference]
 kind = "set-points"
 """
+
+
+class Peer(threading.Thread):
+    """Computes for `ROW_S` of processor each period and notes how late it is done."""
+
+    def __init__(self) -> None:
+        super().__init__(daemon=True)
+        self.late_s: list[float] = []
+        self.done = threading.Event()
+
+    def run(self) -> None:
+        due = time.monotonic()
+        while not self.done.wait(max(due - time.monotonic(), 0.0)):
+            used = time.thread_time()
+            while time.thread_time() - used < ROW_S:
+                pass
+            self.late_s.append(time.monotonic() - due)
+            due = max(due + PERIOD_S, time.monotonic())
+
+
+def delays(late_s: np.ndarray) -> str:
+    return (
+        f"median {1e3 * np.median(late_s):.1f} ms, 99 % {1e3 * np.quantile(late_s, 0.99):.1f} ms, longest "
+        f"{1e3 * late_s.max():.0f} ms; below a period in {100 * np.mean(late_s < PERIOD_S):.2f} %"
+    )
 
 
 def shockrig(*words: str) -> list[str]:
@@ -85,11 +113,14 @@ def main() -> None:
         command = shockrig("fly", "--bench", str(folder / "bench.toml"), "--profile", str(folder / "profile.json"),
                            "--out", str(folder / "flights"), "--mavlink", "udpout:127.0.0.1:14550",
                            "--mavlink", os.ttyname(stalled), "--dronecan", "mcast:")  # fmt: skip
+        peer = Peer()
+        peer.start()
         try:
             spent = [flown(command, environment, total_s / 2, n) for n in (signal.SIGKILL, signal.SIGTERM)]
         finally:
             emulator.send_signal(signal.SIGINT)
             emulator.wait()
+            peer.done.set()
         os.close(unread)
         print(f"{total_s:g} s in two flights, the first one killed; faults {', '.join(faults)}; one port never read")
         late, rows, damaged, answers = [], 0, [], 0
@@ -107,11 +138,9 @@ def main() -> None:
             lost = [row for row in table if row["temperature_c"] and not any(
                 ("imet", round(float(row["time_s"]) + d, 5)) in said for d in (-1e-5, 0.0, 1e-5))]  # fmt: skip
             print(f"  rows whose reading is not in the journal: {len(lost)}; damage: {damaged[-1]}")
-        late_s = np.array(late)
         print(f"{rows} rows, {answers} answers of sensors")
-        print(f"from reading to message: median {1e3 * np.median(late_s):.1f} ms, 99 % "
-              f"{1e3 * np.quantile(late_s, 0.99):.1f} ms, longest {1e3 * late_s.max():.0f} ms; "
-              f"below a period in {100 * np.mean(late_s < PERIOD_S):.2f} %")  # fmt: skip
+        print(f"from reading to message: {delays(np.array(late))}")
+        print(f"the peer, {1e3 * ROW_S:g} ms of processor each: {delays(np.array(peer.late_s))}")
         print(f"processor: {100 * sum(u for u, _ in spent) / sum(t for _, t in spent):.1f} % of one core")
 
 
