@@ -28,7 +28,7 @@ from shockrig.analysis.flight.causal import rows_of
 from shockrig.analysis.flight.causal_design import Design
 from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.flight.smooth_channel import typical_period
-from shockrig.analysis.onboard.source import c_source, flown, lua_source
+from shockrig.analysis.onboard import c_source, flown, lua_source
 from shockrig.files.flight import Flight
 from shockrig.protocols.onboard_check import STRICT, build, compiler, difference, reference, run
 

@@ -15,7 +15,7 @@ import tempfile
 from pathlib import Path
 
 from shockrig.analysis.flight.simulated.typical import typical_profile
-from shockrig.analysis.onboard.source import c_source, flown
+from shockrig.analysis.onboard import c_source, flown
 
 HERE = Path(__file__).parent
 LONGEST_S = 300

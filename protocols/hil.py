@@ -22,7 +22,7 @@ from shockrig.analysis.checks.link import HeardMessages, SentRows, link_findings
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.simulated.weather import Weather
 from shockrig.analysis.flight.smooth_channel import typical_period
-from shockrig.analysis.onboard.source import c_source, flown
+from shockrig.analysis.onboard import c_source, flown
 from shockrig.analysis.report.hil_page import AFTER, AS_READ, IN_C, ON_BOARD, HilResult, LossStage
 from shockrig.files.errors import InputError
 from shockrig.files.flight import Flight

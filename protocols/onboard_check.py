@@ -6,7 +6,7 @@ import csv
 import os
 import shutil
 import subprocess
-from dataclasses import astuple, dataclass
+from dataclasses import astuple
 from io import StringIO
 from pathlib import Path
 
@@ -14,6 +14,7 @@ import numpy as np
 
 from shockrig.analysis.flight.causal import Corrector, rows_of
 from shockrig.analysis.flight.causal_design import Design
+from shockrig.analysis.onboard import ProgramDifference
 from shockrig.files.errors import InputError
 from shockrig.files.flight import Flight
 
@@ -22,18 +23,6 @@ LONGEST_RUN_S = 600.0
 COLUMNS = (
     "time_s", "temperature_c", "humidity_percent", "airspeed_m_s", "pressure_hpa", "humidity_sensor_temperature_c",
 )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class ProgramDifference:
-    """Largest differences of values and uncertainties over a flight's rows, and values that one of both gave alone."""
-
-    rows: int
-    temperature_k: float
-    temperature_uncertainty_k: float
-    humidity_percent: float
-    humidity_uncertainty_percent: float
-    one_sided: int
 
 
 def compiler() -> str | None:

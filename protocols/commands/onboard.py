@@ -26,8 +26,7 @@ def main(args: argparse.Namespace) -> int:
     """Write DIR, and compare the program with its reference where there is a flight."""
     from shockrig.analysis.flight.doubts import profile_doubts
     from shockrig.analysis.flight.smooth_channel import typical_period
-    from shockrig.analysis.onboard.page import page
-    from shockrig.analysis.onboard.source import c_source, flown, lua_source, state_bytes
+    from shockrig.analysis.onboard import c_source, flown, lua_source, page, state_bytes
     from shockrig.files.errors import InputError
     from shockrig.files.profile import read_profile
     from shockrig.protocols.flight_logs import read_flight

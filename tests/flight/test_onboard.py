@@ -14,7 +14,7 @@ from shockrig.analysis.flight.simulated.scenes import to_flight
 from shockrig.analysis.flight.simulated.sensor import fly
 from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.flight.simulated.weather import inversion
-from shockrig.analysis.onboard.source import MOST_STATE_BYTES, c_source, flown, lua_source, state_bytes
+from shockrig.analysis.onboard import MOST_STATE_BYTES, c_source, flown, lua_source, state_bytes
 from shockrig.files.errors import InputError
 from shockrig.files.profile import StatedEffect, Uncertain, write_profile
 from shockrig.protocols.cli import main

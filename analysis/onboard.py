@@ -1,8 +1,9 @@
-"""A causal design as the source of a program: templates of data/onboard filled with numbers and tables."""
+"""A causal design as a program: templates of data/onboard filled with numbers and tables, and the page beside them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from importlib.resources import files
 
 import numpy as np
@@ -20,6 +21,7 @@ from shockrig.analysis.flight.causal_design import (
 )
 from shockrig.analysis.flight.channel import LONGEST_FILL_S, LONGEST_REPEAT_S
 from shockrig.analysis.flight.prior import OU_VARIANCES, RATES_PER_S, UNSEEN_VARIANCE
+from shockrig.analysis.flight.readout import not_causal, not_undone
 from shockrig.analysis.flight.screen import (
     FEWEST_CHANGES,
     FEWEST_ROWS,
@@ -51,6 +53,18 @@ REST_BYTES = 272  # of a state beside its filters: two guards, the clock, what i
 FEWEST_MODES = 2
 TABLES, LUA_TABLES = "/*@TABLES@*/", "@TABLES@"
 C_FILES = ("shock_correct.h", "shock_correct.c", "csv_main.c", "Makefile")
+
+
+@dataclass(frozen=True)
+class ProgramDifference:
+    """Largest differences of values and uncertainties over a flight's rows, and values that one of both gave alone."""
+
+    rows: int
+    temperature_k: float
+    temperature_uncertainty_k: float
+    humidity_percent: float
+    humidity_uncertainty_percent: float
+    one_sided: int
 
 
 def flown(profile: Profile, period_s: float | None = None) -> Design:
@@ -86,15 +100,55 @@ def flown(profile: Profile, period_s: float | None = None) -> Design:
     return design
 
 
-def states(channel: ChannelDesign, passing: bool) -> int:
-    """How many states each filter of a channel has."""
-    return AIR_STATES + channel.modes + 2 * passing
+@dataclass(frozen=True)
+class _Sensor:
+    """One channel of a program."""
+
+    name: str
+    design: ChannelDesign
+    passing: bool  # whether something passes sensor and air alike
+    quantity: str
+    spread: float
+
+    @property
+    def states(self) -> int:
+        """How many states each of its filters has."""
+        return AIR_STATES + self.design.modes + 2 * self.passing
+
+    def numbers(self) -> dict[str, float]:
+        """By the names of the programs' fields, in their order."""
+        d = self.design
+        return {
+            "noise": d.noise,
+            "share": min(d.share, 1.0),
+            "low": d.possible[0],
+            "high": d.possible[1],
+            "swing": d.swing,
+            "ceiling": d.ceiling,
+            "left": d.left,
+            "delay_s": d.delay_s,
+            "lowest": d.ladder.lowest,
+            "highest": d.ladder.highest,
+            "door": d.ladder.door,
+            "low_c": d.covers_c[0],
+            "high_c": d.covers_c[1],
+            "straight_s": d.straight_s,
+            "unsure_of_airspeed": d.unsure_of_airspeed,
+            "spread": self.spread,
+        }
+
+
+def _sensors(design: Design) -> tuple[_Sensor, _Sensor]:
+    assert design.temperature is not None and design.humidity is not None
+    return (
+        _Sensor("BEAD", design.temperature, False, "temperature", causal.START_K),
+        _Sensor("FILM", design.humidity, not design.by_activity, "humidity", causal.START_PERCENT),
+    )
 
 
 def state_bytes(design: Design) -> int:
     """Memory that a program needs, at most."""
-    assert design.temperature is not None and design.humidity is not None
-    sizes = states(design.temperature, False), states(design.humidity, not design.by_activity)
+    sizes = [one.states for one in _sensors(design)]
     return sum(4 * FILTER_COUNT * (n + n * (n + 1) // 2) for n in sizes) + REST_BYTES
 
 
@@ -133,11 +187,41 @@ def _single(value: float) -> str:
 
 def _numbers(design: Design, number: Callable[[float], str]) -> dict[str, str]:
     """What templates name, as text."""
-    bead, film = design.temperature, design.humidity
-    assert bead is not None and film is not None
     longest = max(LONGEST_GAP_S, GAP_PERIODS * design.period_s)
-    size = causal_guard.MEAN_SIZE
-    decimals = {
+    counts = {f"{one.name}_STATES": one.states for one in _sensors(design)} | {
+        "STATE_BYTES": state_bytes(design),
+        "FEWEST_CHANGES": FEWEST_CHANGES,
+        "DECIMAL_COUNT": len(causal_guard.DECIMAL_STEPS),
+        "CHANGES_KEPT": causal_guard.CHANGES_KEPT,
+        "LASTING": causal_guard.LASTING_ROWS,
+        "STRENGTHS": STRENGTH_COUNT,
+        "LONGEST_US": round(longest * 1e6),
+        "LONGEST_MS": round(longest * 1e3),
+        "FEWEST_ROWS": FEWEST_ROWS,
+    }
+    lists = {
+        "RATES": RATES_PER_S,
+        "OU_VARIANCES": OU_VARIANCES,
+        "TURBULENCE": causal_bank.TURBULENCE,
+        "BENDS": causal_bank.BENDS,
+        "DECIMAL_STEPS": causal_guard.DECIMAL_STEPS,
+    }
+    decimals = _of_filters(design) | _of_guards() | {"LONGEST_S": longest}
+    return (
+        {name: number(float(value)) for name, value in decimals.items()}
+        | {name: str(value) for name, value in counts.items()}
+        | {name: ", ".join(number(float(v)) for v in values) for name, values in lists.items()}
+    )
+
+
+def _unread_s(design: Design) -> float:
+    """How long a hygrometer is heard without a thermometer."""
+    return max(causal.UNREAD_S, causal.UNREAD_PERIODS * design.period_s)
+
+
+def _of_filters(design: Design) -> dict[str, float]:
+    """Numbers of the filters and of what is around them."""
+    return {
         "LEAST_AIRSPEED": AIRSPEEDS_M_S[0],
         "UNSURE": causal_bank.UNSURE_OF_STRENGTH,
         "CHANGE_S": causal_bank.STRENGTH_LASTS_S,
@@ -154,6 +238,18 @@ def _numbers(design: Design, number: Callable[[float], str]) -> dict[str, str]:
         "LEAST_VARIANCE": causal_bank.LEAST_VARIANCE,
         "MOST_UNLIKELY": causal_bank.MOST_UNLIKELY,
         "LEAST_LIKELY": causal_bank.LEAST_LIKELY,
+        "FAR_C": causal.FAR_C,
+        "REFERENCE_AIRSPEED": REFERENCE_AIRFLOW_M_S,
+        "LONGEST_FILL": LONGEST_FILL_S,
+        "LONGEST_REPEAT": LONGEST_REPEAT_S,
+        "UNREAD": _unread_s(design),
+    }
+
+
+def _of_guards() -> dict[str, float]:
+    """Numbers of the guards."""
+    size = causal_guard.MEAN_SIZE
+    return {
         "COARSE": COARSE_IN_NOISE,
         "WHITE": WHITE_SHARE,
         "SOFT": causal_guard.SOFT_EDGE,
@@ -177,87 +273,35 @@ def _numbers(design: Design, number: Callable[[float], str]) -> dict[str, str]:
         "SPIKE": SPIKE_STEPS,
         "LEAST_JUMP": LEAST_JUMP,
         "NEAR_CODE": causal_guard.NEAR_CODE,
-        "FAR_C": causal.FAR_C,
-        "REFERENCE_AIRSPEED": REFERENCE_AIRFLOW_M_S,
-        "LONGEST_FILL": LONGEST_FILL_S,
-        "LONGEST_REPEAT": LONGEST_REPEAT_S,
-        "LONGEST_S": longest,
-        "UNREAD": max(causal.UNREAD_S, causal.UNREAD_PERIODS * design.period_s),
     }
-    counts = {
-        "BEAD_STATES": states(bead, False),
-        "FILM_STATES": states(film, not design.by_activity),
-        "STATE_BYTES": state_bytes(design),
-        "FEWEST_CHANGES": FEWEST_CHANGES,
-        "DECIMAL_COUNT": len(causal_guard.DECIMAL_STEPS),
-        "CHANGES_KEPT": causal_guard.CHANGES_KEPT,
-        "LASTING": causal_guard.LASTING_ROWS,
-        "STRENGTHS": STRENGTH_COUNT,
-        "LONGEST_US": round(longest * 1e6),
-        "LONGEST_MS": round(longest * 1e3),
-        "FEWEST_ROWS": FEWEST_ROWS,
-    }
-    lists = {
-        "RATES": RATES_PER_S,
-        "OU_VARIANCES": OU_VARIANCES,
-        "TURBULENCE": causal_bank.TURBULENCE,
-        "BENDS": causal_bank.BENDS,
-        "DECIMAL_STEPS": causal_guard.DECIMAL_STEPS,
-    }
-    return (
-        {name: number(float(value)) for name, value in decimals.items()}
-        | {name: str(value) for name, value in counts.items()}
-        | {name: ", ".join(number(float(v)) for v in values) for name, values in lists.items()}
-    )
 
 
 def _c_tables(design: Design) -> str:
     """The profile's tables and numbers as constants."""
-    bead, film = design.temperature, design.humidity
-    assert bead is not None and film is not None
     parts = [
         f"#define DIE_SHARE {_single(design.die_share)}",
         f"#define BESIDE_BEAD {int(design.beside_bead)}",
         f"#define BY_ACTIVITY {int(design.by_activity)}",
-        f"#define UNREAD_S {_single(max(causal.UNREAD_S, causal.UNREAD_PERIODS * design.period_s))}",
+        f"#define UNREAD_S {_single(_unread_s(design))}",
         "",
     ]
-    channels = (
-        ("BEAD", bead, False, "temperature", causal.START_K),
-        ("FILM", film, not design.by_activity, "humidity", causal.START_PERCENT),
-    )
-    for name, channel, passing, quantity, spread in channels:
-        tables = []
+    for one in _sensors(design):
+        name, channel, tables = one.name, one.design, []
         for what, table in (("RESPONSE", channel.response), ("READOUT", channel.readout)):
             parts += _c_table(f"{name}_{what}", table)
             axes = table.temperature_c, table.ln_airspeed, table.ln_pressure
             nodes = ", ".join(str(axis.size) for axis in axes)
             places = ", ".join(f"{name}_{what}_{axis}" for axis in ("C", "AIRSPEED", "PRESSURE"))
             tables.append(f"{{{{{nodes}}}, {table.values.shape[-1]}, {{{places}}}, {name}_{what}_VALUES}}")
-        codes = causal_guard.CODES_WITHIN[quantity]
+        codes = causal_guard.CODES_WITHIN[one.quantity]
         parts += _c_array(f"{name}_SLOW", channel.slow_uncertainty or (0.0,))
         parts += _c_array(f"{name}_CODES", codes)
         parts += _c_array(f"{name}_RESOLVED", np.log(channel.resolved_rate))
-        numbers = (
-            channel.noise,
-            min(channel.share, 1.0),
-            *channel.possible,
-            channel.swing,
-            channel.ceiling,
-            channel.left,
-            channel.delay_s,
-            channel.ladder.lowest,
-            channel.ladder.highest,
-            channel.ladder.door,
-            *channel.covers_c,
-            channel.straight_s,
-            channel.unsure_of_airspeed,
-            spread,
-        )
-        counts = (channel.modes, channel.slow, int(passing), states(channel, passing), len(codes))
+        counts = (channel.modes, channel.slow, int(one.passing), one.states, len(codes))
         parts.append(
             f"static const design {name} = {{{', '.join(map(str, counts))},\n  {tables[0]},\n  {tables[1]},\n"
-            f"  {name}_SLOW, {name}_CODES, {name}_RESOLVED,\n  {', '.join(_single(v) for v in numbers)}}};\n"
+            f"  {name}_SLOW, {name}_CODES, {name}_RESOLVED,\n"
+            f"  {', '.join(_single(v) for v in one.numbers().values())}}};\n"
         )
     return "\n".join(parts)
 
@@ -294,42 +338,71 @@ def _lua_list(values: Sequence[float] | Array) -> str:
 
 def _lua_tables(design: Design) -> str:
     """The profile's tables and numbers as Lua's."""
-    bead, film = design.temperature, design.humidity
-    assert bead is not None and film is not None
     beside, by_activity = ("true" if yes else "false" for yes in (design.beside_bead, design.by_activity))
     parts = [f"local DIE_SHARE, BESIDE_BEAD, BY_ACTIVITY = {_lua_number(design.die_share)}, {beside}, {by_activity}"]
-    channels = (
-        ("BEAD", bead, False, "temperature", causal.START_K),
-        ("FILM", film, not design.by_activity, "humidity", causal.START_PERCENT),
-    )
-    for name, channel, passing, quantity, spread in channels:
-        numbers = {
-            "noise": channel.noise,
-            "share": min(channel.share, 1.0),
-            "low": channel.possible[0],
-            "high": channel.possible[1],
-            "swing": channel.swing,
-            "ceiling": channel.ceiling,
-            "left": channel.left,
-            "delay_s": channel.delay_s,
-            "lowest": channel.ladder.lowest,
-            "highest": channel.ladder.highest,
-            "door": channel.ladder.door,
-            "low_c": channel.covers_c[0],
-            "high_c": channel.covers_c[1],
-            "straight_s": channel.straight_s,
-            "unsure_of_airspeed": channel.unsure_of_airspeed,
-            "spread": spread,
-        }
-        fields = [f"modes = {channel.modes}, slow = {channel.slow}, size = {states(channel, passing)}"]
-        fields.append(f"passing = {'true' if passing else 'false'}")
-        fields += [f"{key} = {_lua_number(value)}" for key, value in numbers.items()]
-        fields.append(f"codes = {_lua_list(causal_guard.CODES_WITHIN[quantity])}")
+    for one in _sensors(design):
+        channel = one.design
+        fields = [f"modes = {channel.modes}, slow = {channel.slow}, size = {one.states}"]
+        fields.append(f"passing = {'true' if one.passing else 'false'}")
+        fields += [f"{key} = {_lua_number(value)}" for key, value in one.numbers().items()]
+        fields.append(f"codes = {_lua_list(causal_guard.CODES_WITHIN[one.quantity])}")
         fields.append(f"slow_uncertainty = {_lua_list(channel.slow_uncertainty)}")
         fields.append(f"ln_resolved = {_lua_list(np.log(channel.resolved_rate))}")
         for what, table in (("response", channel.response), ("readout", channel.readout)):
             axes = ", ".join(_lua_list(axis) for axis in (table.temperature_c, table.ln_airspeed, table.ln_pressure))
             columns = table.values.shape[-1]
             fields.append(f"{what} = {{columns = {columns}, axes = {{{axes}}}, values = {_lua_list(table.values)}}}")
-        parts.append(f"local {name} = {{\n  " + ",\n  ".join(fields) + "\n}")
+        parts.append(f"local {one.name} = {{\n  " + ",\n  ".join(fields) + "\n}")
     return "\n".join(parts)
+
+
+def page(
+    profile: Profile,
+    design: Design,
+    name: str,
+    note: str,
+    flight: str | None,
+    measured: ProgramDifference | None,
+    why: str,
+) -> str:
+    """The page as Markdown; `why` it was not measured where it was not."""
+    assert design.humidity is not None
+    left = [
+        line
+        for channel, part in (("temperature", profile.temperature), ("humidity", profile.humidity))
+        if part is not None
+        for line in not_undone(part.effects, channel, part.discovered, not_causal)
+    ]
+    low, high = design.humidity.covers_c
+    values = {
+        "PROFILE": name,
+        "NOTE": note,
+        "STATE_BYTES": str(state_bytes(design)),
+        "LOW_C": f"{low:g}",
+        "HIGH_C": f"{high:g}",
+        "PERIOD_S": f"{design.period_s:g}",
+        "LEFT": "".join(f"- Undo what {line[0].lower()}{line[1:]}.\n" for line in left),
+        "MEASURED": _measured(flight, measured, why),
+    }
+    text = (files("shockrig.data") / "onboard" / "README.md").read_text(encoding="utf-8")
+    for key, value in values.items():
+        text = text.replace(f"@{key}@", value)
+    return text
+
+
+def _measured(flight: str | None, measured: ProgramDifference | None, why: str) -> str:
+    if measured is None:
+        return (
+            f"Not measured: {why}. With a log of yours and a C compiler\n"
+            "`shockrig onboard PROFILE --out DIR --flight LOG` compares them row by row."
+        )
+    one_sided = "none" if not measured.one_sided else str(measured.one_sided)
+    return f"""The C program, built with this computer's compiler, against `shockrig correct --method causal` in double
+precision, on the {measured.rows} rows of {flight}. Largest differences:
+
+| | value | standard uncertainty |
+|---|---|---|
+| temperature [K] | {measured.temperature_k:.2g} | {measured.temperature_uncertainty_k:.2g} |
+| humidity [%RH] | {measured.humidity_percent:.2g} | {measured.humidity_uncertainty_percent:.2g} |
+
+Values that one of both gave and the other did not: {one_sided}."""
