@@ -5,9 +5,12 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from shockrig.protocols.parser import whole_number
+
+if TYPE_CHECKING:
+    from shockrig.rig.virtual.emulate.session import Options
 
 PRESSURE_HPA = 1013.25
 CHAMBERS_FILE = "chambers.toml"
@@ -89,39 +92,19 @@ def main(args: argparse.Namespace) -> int:
     import time
 
     from shockrig.files.disk import write_whole
-    from shockrig.files.ranges import RANGES, Range
     from shockrig.rig.errors import BenchError
     from shockrig.rig.virtual.emulate.i2c_socket import build_preload
-    from shockrig.rig.virtual.emulate.session import BAUD, FastClock, Options, Session, instruments_of, probes_of
+    from shockrig.rig.virtual.emulate.session import BAUD, FastClock, Session, instruments_of, probes_of
 
     if args.build is not None:
         print(f"{build_preload(args.build)}: name it in LD_PRELOAD, and the socket in SHOCKRIG_I2C_{args.bus}")
         return 0
-    possible = {"speed": Range(0.01, 1000.0), "rate_hz": RANGES["rate_hz"], "airflow": RANGES["airflow_m_s"]}
-    for name, limits in possible.items():
-        value = getattr(args, name)
-        if value is not None and not limits.holds(value):
-            raise BenchError(f"--{name.replace('_', '-')} {value:g}: expected {limits}")
-    for name, low, high in (("address", 0x08, 0x77), ("bus", 0, 255)):
-        if not low <= getattr(args, name) <= high:
-            raise BenchError(f"--{name} {getattr(args, name)}: expected {low} to {high}")
-    faults = tuple(fault_of(text) for text in args.fault)
-    airs = (*_both_airs(args), args.airflow) if args.chambers else None
-    if airs is not None and args.flight is not None:
-        raise BenchError("--chambers: make the airs of a bench; a flight has its own")
-    linked = bool(args.dronecan or args.mavlink)
-    if not args.kinds and not linked:
-        raise BenchError(f"nothing to emulate: name {', '.join(KINDS)}, or give --dronecan or --mavlink")
-    options = Options(
-        args.address, args.bus, args.rate_hz, args.humidity, args.second,
-        seed=args.seed, faults=faults, chambers=airs, linked=linked,
-    )  # fmt: skip
+    options = _options(args)
     instruments = instruments_of(args.kinds, options)
     probes = probes_of(instruments)
     if args.flight is not None and probes > 1:
         raise BenchError(f"--flight: one probe flies, and {' '.join(args.kinds)} are {probes}; emulate them one by one")
-    serial = [one.name for one in instruments if one.kind in BAUD]
-    links = _links(args.link, serial)
+    links = _links(args.link, [one.name for one in instruments if one.kind in BAUD])
     if args.profile is not None and args.flight is None:
         raise BenchError(f"--profile {args.profile}: flies only with --flight FLIGHT.csv")
     worlds, end_s = _flight(args) if args.flight is not None else (_bench(args, probes), None)
@@ -140,7 +123,7 @@ def main(args: argparse.Namespace) -> int:
             args.kinds, worlds, clock, folder.resolve(), unix_s=time.time, truth=args.truth, options=options
         )
         stack.callback(session.close)
-        vehicle = _vehicle(args, faults, session, worlds[0], clock) if linked else None
+        vehicle = _vehicle(args, options.faults, session, worlds[0], clock) if options.linked else None
         if vehicle is not None:
             stack.callback(vehicle.close)
         for name, link in links.items():
@@ -155,6 +138,33 @@ def main(args: argparse.Namespace) -> int:
         if session.witness.trouble:
             raise BenchError(session.witness.trouble)
     return 0
+
+
+def _options(args: argparse.Namespace) -> Options:
+    """What is emulated, from arguments that can be."""
+    from shockrig.files.ranges import RANGES, Range
+    from shockrig.rig.errors import BenchError
+    from shockrig.rig.virtual.emulate.session import Options
+
+    possible = {"speed": Range(0.01, 1000.0), "rate_hz": RANGES["rate_hz"], "airflow": RANGES["airflow_m_s"]}
+    for name, limits in possible.items():
+        value = getattr(args, name)
+        if value is not None and not limits.holds(value):
+            raise BenchError(f"--{name.replace('_', '-')} {value:g}: expected {limits}")
+    for name, low, high in (("address", 0x08, 0x77), ("bus", 0, 255)):
+        if not low <= getattr(args, name) <= high:
+            raise BenchError(f"--{name} {getattr(args, name)}: expected {low} to {high}")
+    faults = tuple(fault_of(text) for text in args.fault)
+    airs = (*_both_airs(args), args.airflow) if args.chambers else None
+    if airs is not None and args.flight is not None:
+        raise BenchError("--chambers: make the airs of a bench; a flight has its own")
+    linked = bool(args.dronecan or args.mavlink)
+    if not args.kinds and not linked:
+        raise BenchError(f"nothing to emulate: name {', '.join(KINDS)}, or give --dronecan or --mavlink")
+    return Options(
+        args.address, args.bus, args.rate_hz, args.humidity, args.second,
+        seed=args.seed, faults=faults, chambers=airs, linked=linked,
+    )  # fmt: skip
 
 
 def _vehicle(args: argparse.Namespace, faults: Any, session: Any, world: Any, clock: Any) -> Any:

@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from shockrig.protocols.fly_page import FlightFollower
+    from shockrig.protocols.watch.web import WatchServer
     from shockrig.rig.links.mavlink import AutopilotListener
     from shockrig.rig.links.said import Speaker
 
@@ -71,23 +73,14 @@ def main(args: argparse.Namespace) -> int:
     """Fly until told to end."""
     import math
 
-    from shockrig.files.errors import InputError
     from shockrig.files.profile import read_profile
     from shockrig.protocols.fly import FlySettings, OnboardFlight, Watchdog
-    from shockrig.protocols.fly_page import FlightFollower, serve_beside
+    from shockrig.protocols.fly_page import FlightFollower
     from shockrig.protocols.folder import software_version
-    from shockrig.protocols.watch.web import is_local
     from shockrig.rig.bench import load_bench, open_bench
     from shockrig.rig.errors import BenchError
-    from shockrig.rig.links.dronecan import OWN_NUMBERS
 
-    for name, low, high in (("lag_s", 0.0, 60.0), ("period_s", 0.01, 10.0), ("for_s", 0.1, 1e6)):
-        value = getattr(args, name)
-        if value is not None and not low <= value <= high:
-            raise InputError(f"--{name.replace('_', '-')} {value:g}: expected {low:g} to {high:g} s")
-    for name, least, most in (("port", 0, 65535), ("system", 1, 255), ("node", OWN_NUMBERS[0], OWN_NUMBERS[-1])):
-        if not least <= getattr(args, name) <= most:
-            raise InputError(f"--{name} {getattr(args, name)}: expected {least} to {most}")
+    _demand_numbers(args)
     config = load_bench(args.bench)
     if config.emulated:
         raise BenchError(f"{args.bench}: its instruments are emulated; shockrig hil flies emulated ones")
@@ -119,13 +112,7 @@ def main(args: argparse.Namespace) -> int:
     server = None
     try:
         if follower is not None:
-            if not is_local(args.host):
-                print(f"warning: whoever can reach {args.host} can see this page", file=sys.stderr)
-            try:
-                server = serve_beside(follower, args.host, args.port)
-            except OSError as error:
-                raise InputError(f"--host {args.host} --port {args.port}: {error.strerror}; give another") from None
-            print(server.url, flush=True)
+            server = _served(follower, args)
         print(f"{flight.log.folder}: Ctrl-C ends the flight", flush=True)
         watchdog.say("READY=1")
         end_s = math.inf if args.for_s is None else bench.clock.now() + args.for_s
@@ -140,6 +127,35 @@ def main(args: argparse.Namespace) -> int:
             server.shutdown()
         print(f"{flight.log.folder}: {flight.rows} rows", flush=True)
     return 0
+
+
+def _demand_numbers(args: argparse.Namespace) -> None:
+    from shockrig.files.errors import InputError
+    from shockrig.rig.links.dronecan import OWN_NUMBERS
+
+    for name, low, high in (("lag_s", 0.0, 60.0), ("period_s", 0.01, 10.0), ("for_s", 0.1, 1e6)):
+        value = getattr(args, name)
+        if value is not None and not low <= value <= high:
+            raise InputError(f"--{name.replace('_', '-')} {value:g}: expected {low:g} to {high:g} s")
+    for name, least, most in (("port", 0, 65535), ("system", 1, 255), ("node", OWN_NUMBERS[0], OWN_NUMBERS[-1])):
+        if not least <= getattr(args, name) <= most:
+            raise InputError(f"--{name} {getattr(args, name)}: expected {least} to {most}")
+
+
+def _served(follower: FlightFollower, args: argparse.Namespace) -> WatchServer:
+    """The page, and its address told."""
+    from shockrig.files.errors import InputError
+    from shockrig.protocols.fly_page import serve_beside
+    from shockrig.protocols.watch.web import is_local
+
+    if not is_local(args.host):
+        print(f"warning: whoever can reach {args.host} can see this page", file=sys.stderr)
+    try:
+        server = serve_beside(follower, args.host, args.port)
+    except OSError as error:
+        raise InputError(f"--host {args.host} --port {args.port}: {error.strerror}; give another") from None
+    print(server.url, flush=True)
+    return server
 
 
 def links(args: argparse.Namespace) -> tuple[list[Speaker], AutopilotListener | None]:
