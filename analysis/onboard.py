@@ -199,7 +199,7 @@ def _numbers(design: Design, number: Callable[[float], str]) -> dict[str, str]:
         "LONGEST_MS": round(longest * 1e3),
         "FEWEST_ROWS": FEWEST_ROWS,
     }
-    lists = {
+    lists: dict[str, Sequence[float] | Array] = {
         "RATES": RATES_PER_S,
         "OU_VARIANCES": OU_VARIANCES,
         "TURBULENCE": causal_bank.TURBULENCE,
