@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import solveh_banded
 
 from shockrig.analysis.effects import CATALOGUE, OF_FLIGHT
 from shockrig.analysis.effects.described import entry_of, of_readings, stated_values
@@ -350,12 +351,17 @@ def not_known(effects: Sequence[Acting]) -> float:
 # The track of a flight: how fast it climbs.
 
 
-CLIMB_SMOOTHED_S = 5.0  # over which the track's vertical speed is taken
+TRACK_SMOOTHED_S = 5.0  # over which a track's own noise is no way that was flown
+CLIMB_STEP_S = 1.0  # between vertical speeds, where the altitude is new as often
+ROUGHNESS = tuple(4.0**k for k in range(-4, 9))  # weights of bends against noise, between which a track decides
+TURNS = 15  # rounds of weights, after which turns stand where they are
+SHARPEST = 1e-3  # of the usual bend: what counts as none
+FEWEST_SPEEDS = 5
 
 
-def coarse_track(time_s: Array, values: Array) -> tuple[Array, Array]:
+def coarse_track(time_s: Array, values: Array, step_s: float = TRACK_SMOOTHED_S) -> tuple[Array, Array]:
     """Means over a few seconds, so that a track's own noise is no way that was flown."""
-    number = np.floor((time_s - time_s[0]) / CLIMB_SMOOTHED_S).astype(int)
+    number = np.floor((time_s - time_s[0]) / step_s).astype(int)
     count = np.bincount(number)
     filled = count > 0
     return (
@@ -365,9 +371,53 @@ def coarse_track(time_s: Array, values: Array) -> tuple[Array, Array]:
 
 
 def vertical_speed(time_s: Array, altitude_m: Array) -> tuple[Array, Array]:
-    """Times and the vertical speed [m/s] there, of a track whose times run forward."""
-    at, metres = coarse_track(time_s, altitude_m)
-    return at, np.gradient(metres, at) if at.size > 1 else np.zeros_like(at)
+    """Times and the vertical speed [m/s] there, of a track whose times run forward.
+
+    A carrier climbs steadily and turns within a second. A mean over more moves where the turn is, one over less takes
+    noise for way. So the track is as straight as its noise lets it be, with as few bends as do (l1 trend filtering: Kim
+    and others 2009, doi 10.1137/070690274, by weights that are renewed). How large its noise is, a spline says that
+    predicts readings best which are left out (generalised cross-validation: Craven and Wahba 1978, doi
+    10.1007/BF01404567).
+    """
+    new = np.flatnonzero(np.diff(altitude_m, prepend=np.nan) != 0)  # a held altitude is known where it begins
+    step_s = max(CLIMB_STEP_S, float(np.median(np.diff(time_s[new])))) if new.size > 1 else CLIMB_STEP_S
+    at, metres = coarse_track(time_s, altitude_m, step_s)
+    count = int(np.ptp(at) / step_s) + 1
+    if count < FEWEST_SPEEDS:
+        return at, np.gradient(metres, at) if at.size > 1 else np.zeros_like(at)
+    even = at[0] + step_s * np.arange(count)
+    track = _straight(np.interp(even, at, metres))
+    return even[:-1] + 0.5 * step_s, np.diff(track) / step_s
+
+
+def _straight(values: Array) -> Array:
+    """An even series (n,) without its noise: straight between bends."""
+    waves = (2.0 - 2.0 * np.cos(np.pi * np.arange(values.size) / values.size)) ** 2  # what a spline damps
+    tried = []
+    for weight in ROUGHNESS:
+        smooth = _bent(values, np.full(values.size - 2, weight))
+        left = 1.0 - float(np.mean(1.0 / (1.0 + weight * waves)))
+        square = float(np.mean((values - smooth) ** 2))
+        tried.append((square / left**2, square / left, smooth))
+    _, noise, smooth = min(tried, key=lambda one: one[0])
+    bends = np.abs(np.diff(smooth, 2))
+    usual = float(bends.mean())
+    if noise <= 0.0 or usual <= 0.0:
+        return values
+    for _ in range(TURNS):
+        smooth = _bent(values, noise / (usual * np.maximum(bends, SHARPEST * usual)))
+        bends = np.abs(np.diff(smooth, 2))
+    return smooth
+
+
+def _bent(values: Array, weights: Array) -> Array:
+    """The even series z (n,) that has the least |values - z|^2 + sum of weights (n - 2,) times second differences^2."""
+    band = np.zeros((3, values.size))
+    for i, by in enumerate((1.0, -2.0, 1.0)):
+        for j, other in enumerate((1.0, -2.0, 1.0)[i:], i):
+            band[j - i, i : i + weights.size] += by * other * weights
+    band[0] += 1.0
+    return np.asarray(solveh_banded(band, values, lower=True))
 
 
 def climb_m_s(flight: Flight) -> Array | None:

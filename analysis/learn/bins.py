@@ -57,7 +57,11 @@ class FlightBins:
         Times in each bin at which the track is taken.
     track_s, track_m : ndarray (r,)
         Altitude as logged.
-    altitude_m, climb_m_s, airflow_m_s : ndarray (n,)
+    altitude_m : ndarray (n,)
+    speed_s, speed_m_s : ndarray (v,)
+        Vertical speed of the track.
+    airspeed_m_s : ndarray (n,)
+        Mean of what was logged.
     values : mapping of channel -> ndarray (n,)
         Means of the readings.
     passes : tuple of Pass
@@ -73,8 +77,9 @@ class FlightBins:
     track_s: Array
     track_m: Array
     altitude_m: Array
-    climb_m_s: Array
-    airflow_m_s: Array
+    speed_s: Array
+    speed_m_s: Array
+    airspeed_m_s: Array
     values: Mapping[str, Array]
     passes: tuple[Pass, ...]
     sensors: tuple[FlightBins, ...] = ()
@@ -122,6 +127,14 @@ class FlightBins:
         """Altitude at each of `within_s` (n, SUB_SAMPLES) [m]."""
         return np.interp(self.within_s, self.track_s, self.track_m)
 
+    def climb_within_m_s(self, shift_s: float = 0.0) -> Array:
+        """Vertical speed at each of `within_s` (n, SUB_SAMPLES) [m/s], of a track whose time is behind by `shift_s`."""
+        return np.interp(self.within_s + shift_s, self.speed_s, self.speed_m_s)
+
+    def airflow_within_m_s(self, shift_s: float = 0.0) -> Array:
+        """Airflow past the sensor at each of `within_s` (n, SUB_SAMPLES) [m/s]."""
+        return airflow_m_s(self.airspeed_m_s[:, None], self.climb_within_m_s(shift_s))
+
     @property
     def minutes(self) -> float:
         """How long was flown."""
@@ -135,7 +148,7 @@ def why_nothing(flight: Flight) -> str:
     at = np.isfinite(flight.altitude_m) & np.isfinite(flight.time_s)
     known = flight.altitude_m[at]
     time_s, first = np.unique(flight.time_s[at], return_index=True)
-    if np.ptp(known) < 2.0 * least_pass_m(*vertical_speed(time_s, known[first])):
+    if np.ptp(known) < 2.0 * least_pass_m(time_s, known[first]):
         return f"its altitudes are within {np.ptp(known):.0f} m, so no air was passed twice"
     if not any(np.isfinite(x).sum() >= FEWEST_BINS for x in (flight.temperature_c, flight.humidity_percent)):
         return "it has no temperature and no humidity"
@@ -189,7 +202,7 @@ def binned(flight: Flight, name: str, count: int) -> FlightBins:
     columns = {"temperature": flight.temperature_c[order], "humidity": flight.humidity_percent[order]}
     values = {key: mean(_plausible(key, column)) for key, column in columns.items()}
     altitude = np.interp(within, track_s, track_m).mean(axis=1)
-    climb = np.interp(middle, *vertical_speed(track_s, track_m))
+    speed_s, speed_m_s = vertical_speed(track_s, track_m)
     airspeed = mean(np.where(flight.airspeed_m_s[order] >= 0, flight.airspeed_m_s[order], np.nan))
     return FlightBins(
         name=name,
@@ -199,10 +212,11 @@ def binned(flight: Flight, name: str, count: int) -> FlightBins:
         track_s=track_s,
         track_m=track_m,
         altitude_m=altitude,
-        climb_m_s=climb,
-        airflow_m_s=airflow_m_s(airspeed, climb),
+        speed_s=speed_s,
+        speed_m_s=speed_m_s,
+        airspeed_m_s=airspeed,
         values=values,
-        passes=passes(altitude, middle, least_pass_m(*vertical_speed(track_s, track_m))),
+        passes=passes(altitude, middle, least_pass_m(track_s, track_m)),
     )
 
 
@@ -217,17 +231,18 @@ def side_by_side(first: FlightBins, second: FlightBins) -> FlightBins:
         length_s=np.concatenate([first.length_s, second.length_s]),
         within_s=within,
         altitude_m=np.interp(within, first.track_s, first.track_m).mean(axis=1),
-        climb_m_s=np.concatenate([first.climb_m_s, second.climb_m_s]),
-        airflow_m_s=np.concatenate([first.airflow_m_s, second.airflow_m_s]),
+        airspeed_m_s=np.concatenate([first.airspeed_m_s, second.airspeed_m_s]),
         values={key: np.concatenate([first.values[key], second.values[key]]) for key in first.values},
         passes=(*first.passes, *behind),
         sensors=(first, second),
     )
 
 
-def least_pass_m(time_s: Array, speed_m_s: Array) -> float:
-    """How many metres a pass has at least, by the vertical speeds of a track at times that run forward."""
-    fast = np.interp(np.linspace(time_s[0], time_s[-1], 1000), time_s, np.abs(speed_m_s))
+def least_pass_m(track_s: Array, track_m: Array) -> float:
+    """How many metres a pass has at least, by how fast a track at times that run forward goes up and down."""
+    at, metres = coarse_track(track_s, track_m)
+    speed = np.abs(np.gradient(metres, at)) if at.size > 1 else np.zeros_like(at)
+    fast = np.interp(np.linspace(at[0], at[-1], 1000), at, speed)
     return LEAST_FAST_PASS_M if np.quantile(fast, 1.0 - FASTEST_SHARE) > WANDER_M_S else LEAST_PASS_M
 
 

@@ -306,18 +306,17 @@ class SensorModel:
         taken_up, given_back = np.ones(altitude.shape), np.ones(altitude.shape[0])
         if data.read_c is not None:
             warmer = sum((law.warmer(self.values, bins) for law in self.laws if law.warmer is not None), 0.0)
-            film = saturation_pressure_hpa(data.read_c + np.asarray(warmer).reshape(-1, 1)) / data.usual_es
+            film = saturation_pressure_hpa(data.read_c + warmer) / data.usual_es
             usual = saturation_pressure_hpa(data.usual_c(altitude)) / data.usual_es
             activity = sum((law.activity(self.values, bins) for law in self.laws if law.activity is not None), 0.0)
-            activity = np.asarray(activity).reshape(-1, 1)
             taken_up = usual * film**-activity
             given_back = np.asarray((film ** (activity - 1.0)).mean(axis=1))
         own = [law for law in self.laws if law.offset is not None and law.channel == data.channel]
-        late = np.zeros(altitude.shape[0])
+        late = np.zeros(altitude.shape)
         for law in own:
             assert law.offset is not None
             late += law.offset(self.values, bins)
-        both = np.stack([taken_up, np.broadcast_to(late[:, None], taken_up.shape)], axis=-1)
+        both = np.stack([taken_up, late], axis=-1)
         mean, off = response(self.lags(data), bins, both)[data.rows].T  # offsets are met as late as the air
         offset = (data.mean * given_back[data.rows] * mean - data.level + off) / data.unit
         return MetAir(altitude, taken_up, given_back, offset)

@@ -27,7 +27,9 @@ Array = NDArray[np.float64]
 Values = Mapping[str, float]
 
 BESIDE_BEAD = "film_beside_bead"  # the effect of a film whose temperature follows the bead's
+FASTEST_M_S = 1e4  # that anything sinks
 USUAL_PATH_S = 60.0  # of a stem or a housing
+SHIFT = "shift_s"  # of the track, which says when the carrier turned
 SECOND = "_2"  # behind the names of a second sensor's parameters
 
 
@@ -74,11 +76,11 @@ class Law:
     equation, source : str
     lags : (values, bins) -> ((share (n,), time constant (n,) [s]), ...), or None
         The response; what the shares leave of 1 is read at once.
-    offset : (values, bins) -> ndarray (n,), or None
-        What is added to the reading.
-    warmer : (values, bins) -> ndarray (n,), or None
+    offset : (values, bins) -> ndarray (n, SUB_SAMPLES), or None
+        What is added to the air that is met, within bins.
+    warmer : (values, bins) -> ndarray (n, SUB_SAMPLES or 1), or None
         How much warmer the film is than the bead reads [K].
-    activity : (values, bins) -> 1 or ndarray (n,), or None
+    activity : (values, bins) -> 1 or ndarray (n, SUB_SAMPLES), or None
         From 0, where the film takes up vapour, to 1, where it takes up relative humidity at its own temperature.
     shift_s : values -> s, or None
         By how much the track's time is behind the sensor's.
@@ -188,29 +190,36 @@ def _two_paths(values: Values, bins: FlightBins) -> tuple[tuple[Array, Array], .
 
 def _behind(values: Values, bins: FlightBins) -> Array:
     """Nobody knows how fast the film's temperature is: to first order, it is what the bead read so much earlier."""
-    return np.asarray(-values["film_behind_bead_s"] * bins.bead_k_s)
+    return np.asarray(-values["film_behind_bead_s"] * bins.bead_k_s)[:, None]
 
 
 def _ventilated(values: Values, bins: FlightBins) -> Array:
-    return warmer_k(values["rise_k_at_5_m_s"], bins.airflow_m_s)
+    return warmer_k(values["rise_k_at_5_m_s"], bins.airflow_within_m_s(values.get(SHIFT, 0.0)))
 
 
 def descent_from_m_s(bins: FlightBins) -> float:
     """Sinking faster than this is a descent: half of the usual, since a track's speed is smoothed; endless for none."""
-    sinks = -bins.climb_m_s[bins.climb_m_s < -LEAST_AIRFLOW_M_S]
+    climb = bins.climb_within_m_s().mean(axis=1)
+    sinks = -climb[climb < -LEAST_AIRFLOW_M_S]
     return 0.5 * float(sinks.mean()) if sinks.size else np.inf
 
 
-def _descending(bins: FlightBins) -> Array:
-    """1 while the flight descends, else 0 (n,)."""
-    return np.asarray(bins.climb_m_s < -descent_from_m_s(bins), dtype=float)
+def _descending(values: Values, bins: FlightBins) -> Array:
+    """The share of each part of a bin in which the flight descends (n, SUB_SAMPLES)."""
+    faster = -bins.speed_m_s - min(descent_from_m_s(bins), FASTEST_M_S)
+    over, size = np.maximum(faster, 0.0), np.abs(faster)
+    share = (over[1:] + over[:-1]) / np.maximum(size[1:] + size[:-1], 1e-12)  # of each step, along a straight line
+    descended_s = np.r_[0.0, np.cumsum(share * np.diff(bins.speed_s))]
+    middle, half = bins.within_s + values.get(SHIFT, 0.0), 0.5 * bins.length_s[:, None] / SUB_SAMPLES
+    begun, ended = (np.interp(middle + by, bins.speed_s, descended_s) for by in (-half, half))
+    return np.asarray((ended - begun) / (2.0 * half))
 
 
 def _late(values: Values, bins: FlightBins) -> Array:
     read = bins.bead_c
     held = np.repeat(read[:, None, None], SUB_SAMPLES, axis=1)
     tau = np.full(read.size, values["die_time_constant_s"])
-    return np.asarray(response(((np.ones(read.size), tau),), bins, held)[:, 0] - read)
+    return np.asarray(response(((np.ones(read.size), tau),), bins, held)[:, 0] - read)[:, None]
 
 
 CAUSE_WORDS = {  # causes of laws, for readers
@@ -243,11 +252,11 @@ def _laws() -> tuple[Law, ...]:
             "clock_offset",
             ("clock_offset", "pressure_lag"),
             "",
-            (LawParameter("shift_s", "s", 0.0, 15.0, -120.0, 120.0, (-30.0, -12.0, -5.0, 5.0, 12.0, 30.0), "shift"),),
+            (LawParameter(SHIFT, "s", 0.0, 15.0, -120.0, 120.0, (-30.0, -12.0, -5.0, 5.0, 12.0, 30.0), "shift"),),
             "y(t) = a(z(t + shift)); a pressure that lags by tau moves every level by tau w, the same shift",
             "WMO-No. 8 (2021), I.12 (time stamps of merged records); Rodi and Leon 2012, doi 10.5194/amt-5-2569-2012",
             _STRUCTURE,
-            shift_s=lambda p: p["shift_s"],
+            shift_s=lambda p: p[SHIFT],
         )
     ]
     for channel, usual, unit, size in (("temperature", 4.0, "K", 0.7), ("humidity", 8.0, "%RH", 3.0)):
@@ -314,7 +323,7 @@ def _laws() -> tuple[Law, ...]:
                 "tau dq/dt = a + offset - q while the flight descends",
                 "Greene and others 2018, doi 10.5194/amt-11-5519-2018",
                 "another speed of descent, a night, and a hover",
-                offset=lambda p, bins: _descending(bins) * p["offset_in_descent"],
+                offset=lambda p, bins: _descending(p, bins) * p["offset_in_descent"],
                 flown_as="offset_in_descent",
             ),
         ]
@@ -338,7 +347,7 @@ def _laws() -> tuple[Law, ...]:
             "tau dq/dt = e / es(T + d) - q while the flight descends, T the bead's reading",
             "Greene and others 2018, doi 10.5194/amt-11-5519-2018; WMO-No. 8 (2021), I.4 (vapour pressure)",
             "another speed of descent, a night, and a hover",
-            warmer=lambda p, bins: _descending(bins) * p["film_over_bead_k"],
+            warmer=lambda p, bins: _descending(p, bins) * p["film_over_bead_k"],
         ),
         Law(
             "warm_die",

@@ -22,7 +22,7 @@ from shockrig.analysis.estimate.predictive import weights
 from shockrig.analysis.learn.bins import FlightBins, side_by_side
 from shockrig.analysis.learn.density import FlightChannelData, prepared, sizes_of_one
 from shockrig.analysis.learn.fit import Learned, fitted
-from shockrig.analysis.learn.laws import LAWS, SECOND, Law, LawParameter, Values
+from shockrig.analysis.learn.laws import LAWS, SECOND, SHIFT, Law, LawParameter, Values
 from shockrig.analysis.learn.learn import (
     CLOCK,
     LAW_LOG_PRIOR,
@@ -169,7 +169,8 @@ def beside(channel: str, first: Model, second: Model) -> SensorsBeside:
             parts = []
             for laws, own, mine in zip(both, names, bins.sensors, strict=True):
                 known = {name: values[stands] for name, stands in own.items()}
-                parts.append(np.zeros(mine.time_s.size) + sum(of(law, known, mine) for law in laws))
+                known |= {SHIFT: values.get(SHIFT, 0.0)}
+                parts.append(np.zeros(mine.within_s.shape) + sum(of(law, known, mine) for law in laws))
             return np.concatenate(parts)
 
         return every

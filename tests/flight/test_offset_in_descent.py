@@ -10,6 +10,7 @@ import pytest
 from scipy.signal import lfilter
 
 from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.flight.readout import vertical_speed
 from shockrig.files.flight import Flight
 from shockrig.files.profile import (
     DiffusivityRow,
@@ -132,3 +133,22 @@ def test_warmth_that_airflow_carries_off_is_taken_off(logged):
     assert off(found.temperature_c, air, SETTLED) < 0.03
     steady = SETTLED & SINKS
     assert np.median(found.common["temperature"][steady]) == pytest.approx(sigma * np.sqrt(5.0 / flow[-1]), rel=0.3)
+
+
+@pytest.mark.parametrize(("noise_m", "period_s", "held"), [(0.3, 1.0, 1), (1.0, 0.5, 1), (0.3, 0.2, 5), (0.0, 2.0, 1)])
+def test_the_climb_is_steady_between_turns_and_turns_are_where_they_are(noise_m, period_s, held):
+    """4 m/s up, a hover of 20 s, 6 m/s down: speeds to 0.15 m/s a few seconds off the turns, and each turn, where the
+    speed is half of its change, to a second; with noise, between samples and where each altitude is held for some."""
+    rng = np.random.default_rng(0)
+    time = np.arange(0.0, 580.0, period_s)
+    turns = np.array([30.0, 330.0, 350.0, 550.0])
+    track = np.interp(time, turns, [0.0, 1200.0, 1200.0, 0.0]) + rng.normal(0.0, noise_m, time.size)
+    at, speed = vertical_speed(time, track[np.arange(time.size) // held * held])
+    true = np.select([at < 30.0, at < 330.0, at < 350.0, at < 550.0], [0.0, 4.0, 0.0, -6.0], 0.0)
+    settled = np.min(np.abs(at[:, None] - turns), axis=1) > 4.0
+    assert np.sqrt(np.mean((speed - true)[settled] ** 2)) < 0.15
+    for turn, half in zip(turns[1:], (2.0, -3.0, -3.0), strict=True):
+        near = np.abs(at - turn) < 8.0
+        falls = -1.0 if turn < 400.0 else 1.0
+        crossed = np.interp(half * falls, falls * speed[near], at[near])
+        assert crossed == pytest.approx(turn, abs=1.0)
