@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from shockrig.analysis.fleet.statistics import CampaignStatistics, ChannelStatistics, Responses, film
+from shockrig.analysis.fleet.statistics import CampaignStatistics, ChannelStatistics, Responses, RunRates, film
 from shockrig.files.fleet import Coordinate, design
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.plans import wide_plan
@@ -17,38 +17,89 @@ NODES = (film(0.0), film(20.0), film(40.0))
 MIX = np.array([[1.0, 0.0, 0.0], [0.8, 0.6, 0.0], [0.6, 0.3, 0.7]])  # D at one temperature goes with that at others
 
 
-def drawn_fleet(rng, count, *, spread=0.02, uncertainty=0.004, common=0.0, off=None, since=None, ambients_c=AMBIENTS_C):
+RUNS = 12  # of a drawn campaign, for each of its numbers
+
+
+def drawn_fleet(
+    rng,
+    count,
+    *,
+    spread=0.02,
+    uncertainty=0.004,
+    common=0.0,
+    off=None,
+    since=None,
+    ambients_c=AMBIENTS_C,
+    probes=1,
+    run_scatter=0.0,
+    run_share=0.0,
+):
     """Statistics of `count` sensors on one bench, and each one's true (ln alpha, ln D over the ambients).
 
     `off` (place -> shift of ln D) does not belong; `since` (place, shift) is where another batch of films begins;
-    `common` is what one error of the bench does to every number.
+    `common` is what one error of the bench does to every number. `probes` are side by side in a campaign, and their
+    runs scatter in rate by `run_scatter`, of which `run_share` of the variance is the same in all of them.
     """
     asked = [film(t) for t in ambients_c]
     error, m = common * rng.standard_normal(), len(asked)
     found, truths = [], []
     for i in range(count):
+        if i % probes == 0 and run_scatter:
+            beside = rng.standard_normal((1 + m, RUNS))
         alpha = np.log(8e-8) + spread * rng.standard_normal()
         nodes = np.log([4e-12, 8e-12, 1.5e-11]) + spread * (MIX @ rng.standard_normal(3)) + (off or {}).get(i, 0.0)
         nodes = nodes + (since[1] if since and i >= since[0] else 0.0)
         d = design(NODES, asked) @ nodes
         noise = uncertainty * rng.standard_normal(1 + m) + error
-        bead = statistics([Coordinate("temperature", "alpha")], alpha + noise[:1], uncertainty, common, 4e-4, "sphere")
-        film_ = statistics(asked, d + noise[1:], uncertainty, common, 1e-5, "film")
+        runs = np.zeros((1 + m, 0))
+        if run_scatter:
+            runs = np.sqrt(run_share) * beside + np.sqrt(1.0 - run_share) * rng.standard_normal((1 + m, RUNS))
+            noise = noise + run_scatter * runs.mean(axis=1)
+        bead = statistics(
+            [Coordinate("temperature", "alpha")],
+            alpha + noise[:1],
+            uncertainty,
+            common,
+            4e-4,
+            "sphere",
+            runs[:1],
+            run_scatter,
+        )
+        film_ = statistics(asked, d + noise[1:], uncertainty, common, 1e-5, "film", runs[1:], run_scatter)
         serials = {"temperature": f"X{i + 8}", "humidity": f"H{i + 8}"}
         began = f"2026-01-{1 + i * 28 // count:02d}T00:00:00Z"
         channels = {"temperature": bead, "humidity": film_}
-        found.append(CampaignStatistics(f"c{i}", f"c{i}", "1", f"f{i}", began, "bench", serials, channels))
+        path, probe = f"c{i // probes}", str(1 + i % probes)
+        found.append(CampaignStatistics(f"c{i}", path, probe, f"f{i}", began, "bench", serials, channels))
         truths.append((alpha, d))
     return found, truths
 
 
-def statistics(coordinates, value, uncertainty, common, length_m, body):
+def statistics(coordinates, value, uncertainty, common, length_m, body, runs, run_scatter):
     size = len(coordinates)
+    moves = np.kron(np.eye(size), np.full((1, runs.shape[1]), run_scatter / max(runs.shape[1], 1)))
+    rates = RunRates(
+        tuple(map(str, range(runs.size))),
+        (runs - runs.mean(axis=1, keepdims=True)).ravel() if runs.size else runs[0],
+        moves,
+    )
     shared = {"airflow_percent": np.full(size, common)} if common else {}
-    variance = np.full(size, uncertainty**2 + common**2)
+    own = uncertainty**2 * np.eye(size) + moves @ moves.T
+    variance = np.diag(own) + common**2
     responses = Responses(np.arange(size), np.log(0.3 * length_m**2) - value, variance, -np.eye(size))
     return ChannelStatistics(
-        tuple(coordinates), value, uncertainty**2 * np.eye(size), shared, responses, 10, True, body, length_m, 0.02, 0.1
+        tuple(coordinates),
+        value,
+        own,
+        shared,
+        responses,
+        10,
+        True,
+        body,
+        length_m,
+        0.02,
+        0.1,
+        rates,
     )
 
 

@@ -6,6 +6,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import datetime
 from statistics import NormalDist, median
 from typing import Any
@@ -48,6 +49,9 @@ MOST_PLACES = 100  # at which a batch may begin
 LEAST_FOR_TRENDS = 8
 YEAR_S = 365.25 * 86400.0
 LEAST_SPAN_YEARS = 1.0 / 365.25
+SHARES = np.linspace(0.0, 0.99, 100)  # of what runs differ by, in all probes alike, that are tried
+LEAST_COMMON_RUNS = 4  # of fewer, less than nothing is left beside the means that were fitted
+KEPT_OF_COMMON = 0.999  # of the variance that probes have in common, the rest counts as each one's own
 
 
 def fleet_of(
@@ -131,14 +135,102 @@ def members_of(statistics: Sequence[CampaignStatistics]) -> Members:
     keys = tuple(sorted({k for one in statistics for c in one.channels.values() for k in c.shared}))
     names = _names(list(groups.values()))
     on_bench = Counter(bench for group in groups.values() if (bench := _one_bench(group)))
-    sensors = []
+    carried = carriage_errors([group[0] for group in groups.values() if len(group) == 1])
+    widest = max((columns.shape[1] for columns in carried.values()), default=0)
+    sensors: list[FleetMember] = []
     for name, group in zip(names, groups.values(), strict=True):
         bench = _one_bench(group)
-        sensors.append(_member(name, group, keys, bench if on_bench[bench] > 1 else ""))
+        member = _member(name, group, keys, bench if on_bench[bench] > 1 else "")
+        columns = carried.get((group[0].path, group[0].probe)) if len(group) == 1 else None
+        sensors.append(_beside_others(member, columns, widest))
     coordinates = nodes(sensors)
     sensors = [_knowing(one, coordinates) for one in sensors]
     sensors = [one for one in sensors if one.value.size]
     return Members(tuple(sensors), coordinates, keys, table_scatter(sensors, coordinates))
+
+
+def _beside_others(one: FleetMember, columns: Array | None, widest: int) -> FleetMember:
+    """The sensor with what its carriage does as columns of its own, which its own errors are then without."""
+    if columns is None:
+        return replace(one, common=np.pad(one.common, ((0, 0), (0, widest))))
+    return replace(
+        one,
+        carriage=one.campaigns[0].path,
+        covariance=one.covariance - columns @ columns.T,
+        common=np.hstack([one.common, np.pad(columns, ((0, 0), (0, widest - columns.shape[1])))]),
+    )
+
+
+def carriage_errors(probes: Sequence[CampaignStatistics]) -> dict[tuple[str, str], Array]:
+    """What runs that are off in all probes of a campaign alike do to the numbers of each (path, probe): columns (m, k)
+    for independent errors of unit variance; only of campaigns whose probes have something in common.
+
+    Where their rates differ from run to run by the same, the airflow was another one, or the air.
+    """
+    found: dict[tuple[str, str], Array] = {}
+    for path, count in Counter(one.path for one in probes).items():
+        if count == 1:
+            continue
+        beside = [one for one in probes if one.path == path]
+        shares = {channel: common_share(_rates_beside(beside, channel)) for channel in CHANNELS}
+        places = {run: k for k, run in enumerate(_runs_of(beside))}
+        stacked = []
+        for probe in beside:
+            moved = np.zeros((sum(c.value.size for c in probe.channels.values()), len(places)))
+            first = 0
+            for name, c in probe.channels.items():
+                here = slice(first, first := first + c.value.size)
+                moved[here, [places[name, run] for run in c.rates.runs]] = math.sqrt(shares[name]) * c.rates.moves
+            stacked.append(moved)
+        if not np.any(np.vstack(stacked)):
+            continue
+        # Probes with the same runs are moved alike, so that a few directions are nearly all of it.
+        U, size, _ = np.linalg.svd(np.vstack(stacked), full_matrices=False)
+        kept = 1 + int(np.searchsorted(np.cumsum(size**2), KEPT_OF_COMMON * (size**2).sum()))
+        ends = np.cumsum([block.shape[0] for block in stacked])[:-1]
+        for probe, columns in zip(beside, np.split(U[:, :kept] * size[:kept], ends), strict=True):
+            found[path, probe.probe] = columns
+    return found
+
+
+def _runs_of(beside: Sequence[CampaignStatistics]) -> list[tuple[str, str]]:
+    """Channel and run of every rate that some probe of a campaign has."""
+    every = ((name, run) for one in beside for name, c in one.channels.items() for run in c.rates.runs)
+    return list(dict.fromkeys(every))
+
+
+def _rates_beside(beside: Sequence[CampaignStatistics], channel: str) -> Array:
+    """How far runs are off in the rates of the probes of a campaign (n, R), in standard deviations; NaN where one has
+    no such run."""
+    runs = [run for name, run in _runs_of(beside) if name == channel]
+    off = np.full((len(beside), len(runs)), np.nan)
+    for k, one in enumerate(beside):
+        if channel in one.channels:
+            rates = one.channels[channel].rates
+            off[k, [runs.index(run) for run in rates.runs]] = rates.deviations
+    return off
+
+
+def common_share(off: Array) -> float:
+    """How much of the variance of deviations (n, R) is the same in all probes: its mean under what they say.
+
+    Half of the prior is that nothing is, the other half any share alike; the likelihood is that of normal numbers, of
+    which those of one run correlate by the share.
+    """
+    there = np.isfinite(off).sum(axis=0)
+    off, there = off[:, there > 1], there[there > 1]
+    if there.size < LEAST_COMMON_RUNS:
+        return 0.0
+    middle = np.nanmean(off, axis=0)
+    between, within = there * middle**2, np.nansum((off - middle) ** 2, axis=0)
+    share = SHARES[:, None]
+    first = 1.0 + (there - 1) * share
+    variance = ((between / first + within / (1.0 - share)).sum(axis=1) / there.sum()).clip(1e-12)
+    logs = -0.5 * there.sum() * np.log(variance) - 0.5 * (np.log(first) + (there - 1) * np.log(1.0 - share)).sum(axis=1)
+    prior = np.full(SHARES.size, 0.5 / (SHARES.size - 1))
+    prior[0] = 0.5
+    weight = prior * np.exp(logs - logs.max())
+    return float(weight @ SHARES / weight.sum())
 
 
 def _one_bench(group: Sequence[CampaignStatistics]) -> str:
@@ -200,6 +292,7 @@ def _knowing(one: FleetMember, coordinates: Sequence[Coordinate]) -> FleetMember
         one.common[keep],
         one.bench,
         one.responses.knowing(keep, one.covariance + one.common @ one.common.T),
+        one.carriage,
     )
 
 

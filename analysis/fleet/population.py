@@ -1,7 +1,8 @@
 """A population of sensors from what each alone says: REML, shrinkage, and which sensors do not belong.
 
-x_i = H_i (mu + b_i) + C_i eps_bench(i) + e_i,    b_i ~ N(0, Sigma),   eps ~ N(0, I),   e_i ~ N(0, R_i)
-H_i are a sensor's numbers from its coordinates, C_i what the errors do that its bench has in all runs. With
+x_i = H_i (mu + b_i) + C_i eps_i + e_i,    b_i ~ N(0, Sigma),   eps ~ N(0, I),   e_i ~ N(0, R_i)
+H_i are a sensor's numbers from its coordinates, C_i what errors do that others have as well: those of its bench in all
+runs, and those of its carriage, what its runs have in all probes. With
 A = H'R^-1 H, a = H'R^-1 x, F = H'R^-1 C and M = (I + A Sigma)^-1 the marginal normal equations are sums over sensors
 of M A, M a and M F: everything here is linear in their number. Sigma by EM on the restricted likelihood (Laird and Ware
 1982, doi 10.2307/2529876). Its correlations are those that K + 1 more sensors without any would leave, its variances
@@ -15,6 +16,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +50,7 @@ class FleetMember:
     """One sensor with all of its campaigns, its numbers one below the other.
 
     `channel` (m,) names each number's channel; `film` (m,) says which are ln D; `common` (m, c) is what its bench's
-    errors do, columns as in `Members.keys`.
+    errors do, columns as in `Members.keys`, then those of its carriage, which is named where it has some.
     """
 
     name: str
@@ -61,6 +63,7 @@ class FleetMember:
     common: Array
     bench: str
     responses: Responses
+    carriage: str = ""
 
     def errors(self, table_scatter: float) -> Array:
         """Covariance of its own errors (m, m), what a table of ln D scatters by included."""
@@ -81,14 +84,19 @@ class Members:
 @dataclass(frozen=True)
 class Reduced:
     """Sensors in the space of the coordinates: A (n, K, K), a (n, K), F (n, K, c), G = C'R^-1 C (n, c, c),
-    g = C'R^-1 x (n, c), and the number of each one's bench (n,)."""
+    g = C'R^-1 x (n, c), the numbers of each one's carriage and bench (n,), and how many of the c are the bench's.
+
+    Sensors of a bench that were alone in their campaigns are one carriage, which has no errors of its own.
+    """
 
     A: Array
     a: Array
     F: Array
     G: Array
     g: Array
+    carriage: NDArray[np.int64]
     bench: NDArray[np.int64]
+    of_bench: int
 
     @property
     def size(self) -> int:
@@ -96,12 +104,12 @@ class Reduced:
 
     def only(self, keep: Mask) -> Reduced:
         """Without the others: they say nothing, and their benches stay."""
-        return Reduced(*(getattr(self, x)[keep] for x in ("A", "a", "F", "G", "g", "bench")))
+        return replace(self, **{x: getattr(self, x)[keep] for x in ("A", "a", "F", "G", "g", "carriage", "bench")})
 
 
 @dataclass(frozen=True)
 class Level:
-    """The mean under a Sigma: each sensor's (mu, eps of its bench) (n, K + c) with its information J (n, K + c, K + c)
+    """The mean under a Sigma: each sensor's (mu, eps) (n, K + c) with its information J (n, K + c, K + c)
     and covariance, and the restricted log-likelihood up to a constant."""
 
     beta: Array
@@ -115,8 +123,7 @@ class Level:
 
 def reduce_members(members: Members, belongs: Mapping[str, Mask] | None = None) -> Reduced:
     """Each sensor's sums; `belongs` (channel -> (n,)) leaves out channels of sensors."""
-    size, width = len(members.coordinates), len(members.keys)
-    benches = {bench: k for k, bench in enumerate(sorted({one.bench for one in members.sensors}))}
+    size, width = len(members.coordinates), members.sensors[0].common.shape[1]
     W = np.zeros((len(members.sensors),) + (size + width + 1,) * 2)
     for i, one in enumerate(members.sensors):
         keep = np.ones(one.value.size, dtype=bool)
@@ -127,8 +134,14 @@ def reduce_members(members: Members, belongs: Mapping[str, Mask] | None = None) 
             both = np.column_stack([design(members.coordinates, one.coordinates), one.common, one.value])[keep]
             W[i] = both.T @ np.linalg.solve(one.errors(members.table_scatter)[np.ix_(keep, keep)], both)
     k, c = slice(0, size), slice(size, size + width)
-    bench = np.array([benches[one.bench] for one in members.sensors])
-    return Reduced(W[:, k, k], W[:, k, -1], W[:, k, c], W[:, c, c], W[:, c, -1], bench)
+    carriage = _numbered([(one.bench, one.carriage) for one in members.sensors])
+    bench = _numbered([one.bench for one in members.sensors])
+    return Reduced(W[:, k, k], W[:, k, -1], W[:, k, c], W[:, c, c], W[:, c, -1], carriage, bench, len(members.keys))
+
+
+def _numbered(names: Sequence[Any]) -> NDArray[np.int64]:
+    places = {name: k for k, name in enumerate(sorted(set(names)))}
+    return np.array([places[name] for name in names])
 
 
 def _marginal(r: Reduced, sigma: Array) -> tuple[Array, Array, Array, Array]:
@@ -150,38 +163,66 @@ def _marginal(r: Reduced, sigma: Array) -> tuple[Array, Array, Array, Array]:
 def level(r: Reduced, sigma: Array) -> Level:
     """Generalised least squares of the mean, the benches' errors with it."""
     M, information, right, logs = _marginal(r, sigma)
-    found, determinant, quadratic = _solved(information, right, r.bench, sigma.shape[0])
+    found, determinant, quadratic = _solved(information, right, r, sigma.shape[0])
     quadratic -= float((r.a * (sigma @ (M @ r.a[..., None]))[..., 0]).sum())
     return replace(found, log_likelihood=-0.5 * (determinant + float(logs.sum()) + quadratic))
 
 
-def _solved(information: Array, right: Array, bench: NDArray[np.int64], size: int) -> tuple[Level, float, float]:
-    """Normal equations of a mean (its first `size` coordinates) and the errors of benches, these under N(0, I); ln det
-    of what was eliminated, and minus what the estimate takes from the sum of squares."""
-    whole = information.shape[1]
-    benches = int(bench.max()) + 1
-    blocks, rights = np.zeros((benches, whole, whole)), np.zeros((benches, whole))
-    np.add.at(blocks, bench, information)
-    np.add.at(rights, bench, right)
+def _solved(information: Array, right: Array, r: Reduced, size: int) -> tuple[Level, float, float]:
+    """Normal equations of a mean (its first `size` coordinates) and the errors of benches and carriages, these under
+    N(0, I); ln det of what was eliminated, and minus what the estimate takes from the sum of squares."""
+    wide = size + r.of_bench
+    carriages = _gathered(information, right, r.carriage, wide)
+    bench = np.zeros(carriages.right.shape[0], dtype=np.int64)
+    bench[r.carriage] = r.bench
+    benches = _gathered(carriages.own, carriages.own_right, bench, size)
+    N, b = benches.own.sum(axis=0), benches.own_right.sum(axis=0)
+    P = _inverse(N)
+    mean = P @ b
+    # What is known of a bench's own errors and, from all benches, of the mean; then likewise of a carriage's.
+    J, full = benches.completed(N, b)
+    J, full = carriages.completed(J[bench], full[bench])
+    covariance = _inverse(J)
+    beta = (covariance @ full[..., None])[..., 0]
+    determinant = float(np.log(np.maximum(np.linalg.eigvalsh(N), 1e-300)).sum())
+    determinant += carriages.determinant + benches.determinant
+    quadratic = -carriages.quadratic - benches.quadratic - float(b @ mean)
+    at = r.carriage
+    return Level(beta[at], J[at], full[at], covariance[at], 0.0, mean, P), determinant, quadratic
+
+
+@dataclass(frozen=True)
+class _Gathered:
+    """Normal equations of groups (g, w, w), each with errors of its own behind the first coordinates, under N(0, I);
+    `own` is what is left for the first ones where the errors are eliminated."""
+
+    information: Array
+    right: Array
+    own: Array
+    own_right: Array
+    determinant: float
+    quadratic: float
+
+    def completed(self, all_: Array, all_right: Array) -> tuple[Array, Array]:
+        """With what all groups together say of the first coordinates in place of what each one says."""
+        J, full, size = self.information.copy(), self.right.copy(), self.own.shape[1]
+        J[:, :size, :size] += all_ - self.own
+        full[:, :size] += all_right - self.own_right
+        return J, full
+
+
+def _gathered(information: Array, right: Array, group: NDArray[np.int64], size: int) -> _Gathered:
+    whole, groups = information.shape[1], int(group.max()) + 1
+    blocks, rights = np.zeros((groups, whole, whole)), np.zeros((groups, whole))
+    np.add.at(blocks, group, information)
+    np.add.at(rights, group, right)
     blocks[:, size:, size:] += np.eye(whole - size)
     cc, mc = blocks[:, size:, size:], blocks[:, :size, size:]
     solved = np.linalg.solve(cc, mc.transpose(0, 2, 1))
     rc = np.linalg.solve(cc, rights[:, size:, None])
     own, own_right = blocks[:, :size, :size] - mc @ solved, rights[:, :size] - (mc @ rc)[..., 0]
-    N, b = own.sum(axis=0), own_right.sum(axis=0)
-    P = _inverse(N)
-    mean = P @ b
-    # What is known of a bench's own errors and, from all benches, of the mean.
-    J, full = blocks, rights.copy()
-    J[:, :size, :size] += N - own
-    full[:, :size] += b - own_right
-    covariance = _inverse(J)
-    beta = (covariance @ full[..., None])[..., 0]
-    determinant = float(np.linalg.slogdet(cc)[1].sum())
-    determinant += float(np.log(np.maximum(np.linalg.eigvalsh(N), 1e-300)).sum())
-    quadratic = -float((rights[:, size:] * rc[..., 0]).sum()) - float(b @ mean)
-    found = Level(beta[bench], J[bench], full[bench], covariance[bench], 0.0, mean, P)
-    return found, determinant, quadratic
+    determinant, quadratic = float(np.linalg.slogdet(cc)[1].sum()), float((rights[:, size:] * rc[..., 0]).sum())
+    return _Gathered(blocks, rights, own, own_right, determinant, quadratic)
 
 
 def _inverse(matrix: Array) -> Array:
@@ -200,7 +241,7 @@ def change_along(r: Reduced, found: PopulationFit, along: Array) -> tuple[Array,
     T[:, size : 2 * size, :size] = along[:, None, None] * np.eye(size)
     T[:, 2 * size :, size:] = np.eye(information.shape[1] - size)
     more, more_right = T @ information @ T.transpose(0, 2, 1), (T @ right[..., None])[..., 0]
-    at, _, _ = _solved(more, more_right, r.bench, 2 * size)
+    at, _, _ = _solved(more, more_right, r, 2 * size)
     return at.mean[size:], at.mean_covariance[size:, size:]
 
 
@@ -429,11 +470,7 @@ def _left_out(members: Members, r: Reduced, found: PopulationFit, has: Mapping[s
             others = r.only(np.arange(n) != i)
             own = _em(others, sigma / scale, WARM_STEPS) * scale
             theirs = level(others, own)
-            same = np.flatnonzero(others.bench == r.bench[i])
-            if same.size:
-                beta, covariance = theirs.beta[same[0]], theirs.covariance[same[0]]
-            else:
-                beta, covariance = _alone(theirs, r.F.shape[2])
+            beta, covariance = _as_of(theirs, others, int(r.carriage[i]), int(r.bench[i]))
         else:
             if r.A[i].any():
                 own = _combined(total - moments[i], n - 1)
@@ -450,12 +487,20 @@ def _left_out(members: Members, r: Reduced, found: PopulationFit, has: Mapping[s
     return probability
 
 
-def _alone(theirs: Level, width: int) -> tuple[Array, Array]:
-    """The mean and the errors of a bench that no other sensor was on."""
-    size = theirs.mean.size
-    covariance = np.eye(size + width)
-    covariance[:size, :size] = theirs.mean_covariance
-    return np.concatenate([theirs.mean, np.zeros(width)]), covariance
+def _as_of(theirs: Level, others: Reduced, carriage: int, bench: int) -> tuple[Array, Array]:
+    """What other sensors say of the mean and of the errors of a carriage on a bench; nothing of those of which they
+    have no part."""
+    size, width = theirs.mean.size, theirs.beta.shape[1]
+    for there, known in ((others.carriage == carriage, width), (others.bench == bench, size + others.of_bench)):
+        if there.any():
+            one = int(np.flatnonzero(there)[0])
+            value, spread = theirs.beta[one][:known], theirs.covariance[one][:known, :known]
+            break
+    else:
+        known, value, spread = size, theirs.mean, theirs.mean_covariance
+    covariance = np.eye(width)
+    covariance[:known, :known] = spread
+    return np.concatenate([value, np.zeros(width - known)]), covariance
 
 
 def distance(

@@ -19,6 +19,7 @@ from shockrig.analysis.characterize.history import began_at, bench_of
 from shockrig.analysis.characterize.response_times import response_slopes
 from shockrig.analysis.characterize.result import ChannelResult, Characterization, Part
 from shockrig.analysis.estimate.noise import Noise
+from shockrig.analysis.estimate.quantity import RunEffect
 from shockrig.files.campaign import Campaign
 from shockrig.files.causes import StatedEffect
 from shockrig.files.fleet import ALPHA, SENSOR_OF, Coordinate, D
@@ -78,6 +79,24 @@ class Responses:
 
 
 @dataclass(frozen=True)
+class RunRates:
+    """How far off the rates of a campaign's runs are: what probes side by side may have in common.
+
+    Attributes
+    ----------
+    runs : tuple of str
+    deviations : ndarray (R,)
+        In standard deviations of what runs differ by.
+    moves : ndarray (m, R)
+        By how much each number is off where a run is off by one of them.
+    """
+
+    runs: tuple[str, ...]
+    deviations: Array
+    moves: Array
+
+
+@dataclass(frozen=True)
 class ChannelStatistics:
     """One channel of one campaign.
 
@@ -92,6 +111,8 @@ class ChannelStatistics:
         Of its own errors.
     shared : mapping
         Input that all runs share -> what one standard uncertainty of it does (m,).
+    rates : RunRates
+        Its runs' own rates, part of `covariance`.
     """
 
     coordinates: tuple[Coordinate, ...]
@@ -105,6 +126,7 @@ class ChannelStatistics:
     length_m: float
     noise: float
     sampling_period_s: float
+    rates: RunRates
 
 
 @dataclass(frozen=True)
@@ -159,6 +181,7 @@ def _channel(found: ChannelResult) -> ChannelStatistics:
     blocks: list[Array] = []
     columns: list[dict[str, Array]] = []
     responses: list[Responses] = []
+    rates: list[RunRates] = []
     for part in found.parts:
         places, names = stated(found, part, effects=part is found.parts[0])
         if not places:
@@ -170,6 +193,7 @@ def _channel(found: ChannelResult) -> ChannelStatistics:
         blocks.append(own)
         columns.append(shared)
         responses.append(_responses(found, part, places))
+        rates.append(_rates(part, found.noise, places))
     size, first = len(values), 0
     covariance = np.zeros((size, size))
     moves: dict[str, Array] = {}
@@ -191,6 +215,11 @@ def _channel(found: ChannelResult) -> ChannelStatistics:
         length_m=found.channel.length_m,
         noise=found.noise.standard_deviation,
         sampling_period_s=found.channel.sampling_period_s,
+        rates=RunRates(
+            tuple(run for one in rates for run in one.runs),
+            np.concatenate([one.deviations for one in rates]),
+            block_diag(*(one.moves for one in rates)),
+        ),
     )
 
 
@@ -240,6 +269,13 @@ def _errors(found: ChannelResult, part: Part, noise: Noise, places: list[int]) -
     return own, shared
 
 
+def _rates(part: Part, noise: Noise, places: list[int]) -> RunRates:
+    arrow = part.fit.arrow
+    deviations = part.fit.deviations[:, RunEffect.RATE] * np.sqrt(arrow.weight[:, RunEffect.RATE])
+    moves = part.enlarged(noise) * arrow.shares()[0][RunEffect.RATE][places]
+    return RunRates(tuple(part.channel.run_ids), deviations, moves)
+
+
 def statistics_document(one: CampaignStatistics) -> dict[str, Any]:
     """As JSON, every digit kept: what was computed once is the same when it is read again."""
     return {
@@ -254,6 +290,9 @@ def statistics_document(one: CampaignStatistics) -> dict[str, Any]:
                 "covariance": c.covariance.tolist(),
                 "shared": {key: column.tolist() for key, column in c.shared.items()},
                 "responses": {key: column.tolist() for key, column in vars(c.responses).items()},
+                "rates": {
+                    key: list(column) if key == "runs" else column.tolist() for key, column in vars(c.rates).items()
+                },
             }
             for name, c in one.channels.items()
         },
@@ -278,6 +317,7 @@ def statistics_from(document: Mapping[str, Any]) -> CampaignStatistics:
                 covariance=np.array(c["covariance"], dtype=float).reshape(len(c["value"]), -1),
                 shared={key: np.array(column, dtype=float) for key, column in c["shared"].items()},
                 responses=Responses(**{key: np.array(column) for key, column in c["responses"].items()}),
+                rates=RunRates(tuple(c["rates"]["runs"]), *(np.array(c["rates"][k]) for k in ("deviations", "moves"))),
             )
             for name, c in document["channels"].items()
         },

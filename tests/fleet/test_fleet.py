@@ -12,21 +12,22 @@ import numpy as np
 import pandas as pd
 import pytest
 from made_fleets import AMBIENTS_C, drawn_fleet, drawn_sensor, record_sensor, short_plan, type_of_sensors
+from scipy.linalg import block_diag
 from scipy.optimize import brentq
 
 import shockrig
 from shockrig.analysis.characterize.characterize import characterize
 from shockrig.analysis.characterize.part_fit import read_extension
 from shockrig.analysis.diagnose.remainder import Tolerance
-from shockrig.analysis.fleet.fleet import fleet_of, members_of
-from shockrig.analysis.fleet.population import benjamini_hochberg
+from shockrig.analysis.fleet.fleet import common_share, fleet_of, members_of
+from shockrig.analysis.fleet.population import benjamini_hochberg, level, reduce_members
 from shockrig.analysis.fleet.prior import with_population
 from shockrig.analysis.fleet.statistics import statistics_of
 from shockrig.analysis.fleet.whose import DiagnosedProbe, causes_of, judged_causes
 from shockrig.analysis.report.fleet_page import cause_sentence, write_fleet_page
 from shockrig.files.causes import StatedEffect, Uncertain
 from shockrig.files.errors import InputError
-from shockrig.files.fleet import BENCH, SENSOR, TYPE, fleet_document, read_fleet
+from shockrig.files.fleet import BENCH, SENSOR, TYPE, design, fleet_document, read_fleet
 from shockrig.files.profile import read_profile, write_profile
 from shockrig.protocols import fleet_map
 from shockrig.protocols.cli import main
@@ -86,6 +87,58 @@ def test_what_a_bench_shares_is_no_spread():
     one = fleet_of(statistics).population
     assert np.sqrt(np.diag(one.covariance)) == pytest.approx([0.005] * 4, rel=0.5)
     assert np.sqrt(np.diag(one.mean_covariance)) == pytest.approx([0.05] * 4, rel=0.05)
+
+
+def test_what_runs_of_a_carriage_have_in_common_is_found():
+    rng = np.random.default_rng(5)
+    for true, low, high in ((0.0, 0.0, 0.1), (0.5, 0.3, 0.7), (0.9, 0.8, 0.95)):
+        both = np.sqrt(true) * rng.standard_normal(16) + np.sqrt(1.0 - true) * rng.standard_normal((8, 16))
+        both[0, 3] = np.nan
+        assert low <= common_share(both) <= high
+    assert common_share(both[:1]) == 0.0 and common_share(both[:, :3]) == 0.0
+
+
+def test_sums_over_carriages_are_generalised_least_squares_of_all_numbers():
+    statistics, _ = drawn_fleet(
+        np.random.default_rng(6), 6, common=0.01, probes=3, run_scatter=0.03, run_share=0.8, ambients_c=(0.0, 20.0)
+    )
+    members = members_of([replace(one, bench="other" if k > 4 else "bench") for k, one in enumerate(statistics)])
+    sigma = np.diag([1e-4, 2e-4, 3e-4])
+    found = level(reduce_members(members), sigma)
+    H = [design(members.coordinates, one.coordinates) for one in members.sensors]
+    R = [h @ sigma @ h.T + one.errors(members.table_scatter) for h, one in zip(H, members.sensors, strict=True)]
+    V, keys = block_diag(*R), len(members.keys)
+    for i, one in enumerate(members.sensors):
+        for j, other in enumerate(members.sensors):
+            here = np.ix_(range(3 * i, 3 * i + 3), range(3 * j, 3 * j + 3))
+            if one.bench == other.bench:
+                V[here] += one.common[:, :keys] @ other.common[:, :keys].T
+            if one.carriage and one.carriage == other.carriage and one.bench == other.bench:
+                V[here] += one.common[:, keys:] @ other.common[:, keys:].T
+    assert any(one.common[:, keys:].any() for one in members.sensors)
+    H, x = np.vstack(H), np.concatenate([one.value for one in members.sensors])
+    covariance = np.linalg.inv(H.T @ np.linalg.solve(V, H))
+    mean = covariance @ H.T @ np.linalg.solve(V, x)
+    assert np.allclose(found.mean, mean, rtol=1e-9) and np.allclose(found.mean_covariance, covariance, rtol=1e-8)
+    left = x - H @ mean
+    whole = np.linalg.slogdet(V)[1] + left @ np.linalg.solve(V, left) - np.linalg.slogdet(covariance)[1]
+    own = sum(np.linalg.slogdet(one.errors(members.table_scatter))[1] for one in members.sensors)
+    own += sum(one.value @ np.linalg.solve(one.errors(members.table_scatter), one.value) for one in members.sensors)
+    assert found.log_likelihood == pytest.approx(-0.5 * (whole - own), rel=1e-6)
+
+
+def test_the_mean_of_a_carriage_is_no_surer_than_its_runs_allow():
+    """Eight probes whose runs scatter alike are one look at the type's mean, and many at how they differ."""
+    off, apart = [], []
+    for seed in range(20):
+        rng = np.random.default_rng([7, seed])
+        statistics, truths = drawn_fleet(
+            rng, 8, spread=0.002, uncertainty=0.001, probes=8, run_scatter=0.04, run_share=0.9
+        )
+        fleet = fleet_of(statistics)
+        off.append((fleet.population.mean[0] - np.log(8e-8)) / np.sqrt(fleet.population.mean_covariance[0, 0]))
+        apart += list(away(fleet, truths))
+    assert np.mean(np.abs(off) < 2.0) >= 0.85 and np.mean(np.abs(apart) < 2.0) >= 0.85
 
 
 def test_one_film_that_is_off_by_2_percent_is_found_among_200():
