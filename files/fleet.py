@@ -301,8 +301,9 @@ class FleetCause:
 
 @dataclass(frozen=True, repr=False)
 class Fleet:
-    """What `shockrig fleet` found: the population, its sensors, what differs along it, campaigns left out, and whose
-    the causes are that diagnoses name."""
+    """What `shockrig fleet` found: the population, its sensors, what differs along it, campaigns left out, whose the
+    causes are that diagnoses name, and of campaigns with several probes the share, by channel, of what runs differ by
+    that is the same in all of them."""
 
     population: Population
     sensors: tuple[FleetSensor, ...]
@@ -310,6 +311,7 @@ class Fleet:
     left_out: Mapping[str, str] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=lambda: MappingProxyType({}))
     causes: tuple[FleetCause, ...] = ()
+    runs_in_common: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def typical(self) -> Profile:
         """Profile of a sensor of the type that nobody has characterized."""
@@ -401,6 +403,7 @@ def fleet_document(fleet: Fleet) -> dict[str, Any]:
             for t in fleet.trends
         ],
         "causes": [_cause_document(one) for one in fleet.causes],
+        "runs_in_common": {path: dict(shares) for path, shares in fleet.runs_in_common.items()},
         "left_out": dict(fleet.left_out),
         "provenance": dict(fleet.provenance),
     }
@@ -486,7 +489,16 @@ def read_fleet(path: str | os.PathLike[str]) -> Fleet:
         {str(k): str(v) for k, v in whole.mapping("left_out").content.items()},
         MappingProxyType(dict(whole.mapping("provenance").content)),
         tuple(_cause(item) for item in whole.items("causes")),
+        _in_common(whole),
     )
+
+
+def _in_common(table: FileTable) -> dict[str, dict[str, float]]:
+    shares: dict[str, dict[str, float]] = {}
+    for path, one in table.children("runs_in_common"):
+        there = {name: one.number(name, at_least=0.0) for name in CHANNELS}
+        shares[path] = {name: share for name, share in there.items() if share is not None}
+    return shares
 
 
 def _coordinate(item: FileTable) -> Coordinate:

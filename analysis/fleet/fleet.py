@@ -83,6 +83,7 @@ def fleet_of(
         refused,
         dict(provenance or {}),
         causes_of(members.sensors),
+        runs_in_common([one.campaigns[0] for one in members.sensors if len(one.campaigns) == 1]),
     )
 
 
@@ -135,7 +136,8 @@ def members_of(statistics: Sequence[CampaignStatistics]) -> Members:
     keys = tuple(sorted({k for one in statistics for c in one.channels.values() for k in c.shared}))
     names = _names(list(groups.values()))
     on_bench = Counter(bench for group in groups.values() if (bench := _one_bench(group)))
-    carried = carriage_errors([group[0] for group in groups.values() if len(group) == 1])
+    alone = [group[0] for group in groups.values() if len(group) == 1]
+    carried = carriage_errors(alone, runs_in_common(alone))
     widest = max((columns.shape[1] for columns in carried.values()), default=0)
     sensors: list[FleetMember] = []
     for name, group in zip(names, groups.values(), strict=True):
@@ -161,18 +163,34 @@ def _beside_others(one: FleetMember, columns: Array | None, widest: int) -> Flee
     )
 
 
-def carriage_errors(probes: Sequence[CampaignStatistics]) -> dict[tuple[str, str], Array]:
-    """What runs that are off in all probes of a campaign alike do to the numbers of each (path, probe): columns (m, k)
-    for independent errors of unit variance; only of campaigns whose probes have something in common.
+def runs_in_common(probes: Sequence[CampaignStatistics]) -> dict[str, dict[str, float]]:
+    """How much of what runs differ by is the same in all probes, by path and channel of campaigns with several.
 
     Where their rates differ from run to run by the same, the airflow was another one, or the air.
     """
+    found = {}
+    for path, beside in _side_by_side(probes).items():
+        here = sorted({name for one in beside for name in one.channels}, key=CHANNELS.index)
+        found[path] = {channel: common_share(_rates_beside(beside, channel)) for channel in here}
+    return found
+
+
+def _side_by_side(probes: Sequence[CampaignStatistics]) -> dict[str, list[CampaignStatistics]]:
+    """The probes of each campaign that has several."""
+    found: dict[str, list[CampaignStatistics]] = {}
+    for one in probes:
+        found.setdefault(one.path, []).append(one)
+    return {path: beside for path, beside in found.items() if len(beside) > 1}
+
+
+def carriage_errors(
+    probes: Sequence[CampaignStatistics], in_common: Mapping[str, Mapping[str, float]]
+) -> dict[tuple[str, str], Array]:
+    """What runs that are off in all probes of a campaign alike do to the numbers of each (path, probe): columns (m, k)
+    for independent errors of unit variance; only of campaigns whose probes have something in common."""
     found: dict[tuple[str, str], Array] = {}
-    for path, count in Counter(one.path for one in probes).items():
-        if count == 1:
-            continue
-        beside = [one for one in probes if one.path == path]
-        shares = {channel: common_share(_rates_beside(beside, channel)) for channel in CHANNELS}
+    for path, beside in _side_by_side(probes).items():
+        shares = in_common[path]
         places = {run: k for k, run in enumerate(_runs_of(beside))}
         stacked = []
         for probe in beside:

@@ -108,7 +108,7 @@ def write_fleet_page(fleet: Fleet, folder: Path) -> Path:
             Text(f"{sentence(t)} By accident: {plain(t.probability, 2)}.", "warning") for t in fleet.trends
         ]
         sections.append(Section("What differs along the fleet", trends))
-    if fleet.causes:
+    if fleet.causes or fleet.runs_in_common:
         sections.append(Section("Whose the causes are", _causes(fleet)))
     image = save_figure(plot_fleet(fleet), folder, "fleet")
     caption = (
@@ -160,7 +160,8 @@ def fleet_section(found: WithFleet) -> Section:
 
 HOW = """Each sensor is characterized alone; the population is what is most likely of the means, the spreads and the
 correlations of ln alpha and ln D(T) when each sensor's own uncertainty is counted (restricted likelihood). Errors that
-a bench has in all of its runs move all sensors on it alike: they are in the mean's uncertainty, and are no spread.
+a bench has in all of its runs move all sensors on it alike, and a run that is off in all probes all of these: they are
+in the mean's uncertainty, and are no spread.
 
 A sensor does not belong where it is too far from the population of the others, itself left out, at a false discovery
 rate of 5 % over all sensors (Benjamini and Hochberg). It takes no part in the population, and nothing of it is changed.
@@ -184,13 +185,19 @@ def _causes(fleet: Fleet) -> list[Block]:
         for name, p in one.parameters.items()
     ]
     said: list[Block] = [Text(cause_sentence(one)) for one in fleet.causes]
+    said += [
+        Text(f"Of what the runs of {path} differ by in {SYMBOL[channel]}, {share:.0%} is the same in all probes.")
+        for path, shares in fleet.runs_in_common.items()
+        for channel, share in shares.items()
+    ]
     heads = ("parameter", "whose", "mean ± u", "spread from sensor to sensor", "sensors")
     return [*said, *([Table(heads, rows)] if rows else []), Text(WHOSE_IT_IS)]
 
 
 WHOSE_IT_IS = """A cause that most sensors show with one value, all on one bench, is taken for the bench's: a property
 that all sensors share to within its uncertainty would look the same, and campaigns on another bench tell. One that most
-show with values that differ, or on several benches, is the type's; one that a single sensor shows is its own."""
+show with values that differ, or on several benches, is the type's; one that a single sensor shows is its own. What runs
+differ by in all probes alike is the bench's: another airflow or air than was recorded."""
 
 
 def _mean(fleet: Fleet, k: int) -> str:

@@ -136,6 +136,7 @@ def test_the_mean_of_a_carriage_is_no_surer_than_its_runs_allow():
             rng, 8, spread=0.002, uncertainty=0.001, probes=8, run_scatter=0.04, run_share=0.9
         )
         fleet = fleet_of(statistics)
+        assert fleet.runs_in_common["c0"]["temperature"] > 0.6
         off.append((fleet.population.mean[0] - np.log(8e-8)) / np.sqrt(fleet.population.mean_covariance[0, 0]))
         apart += list(away(fleet, truths))
     assert np.mean(np.abs(off) < 2.0) >= 0.85 and np.mean(np.abs(apart) < 2.0) >= 0.85
@@ -359,11 +360,14 @@ def test_the_order_of_the_campaigns_changes_no_digit():
 
 
 def test_a_fleet_is_read_as_it_was_written(tmp_path):
-    fleet = fleet_of(drawn_fleet(np.random.default_rng(12), 60, since=(30, 0.04))[0], {"c9": "no runs"}, {"seed": 0})
+    beside = {"probes": 3, "run_scatter": 0.01, "run_share": 0.8}
+    drawn = drawn_fleet(np.random.default_rng(12), 60, since=(30, 0.04), **beside)[0]
+    fleet = fleet_of(drawn, {"c99": "no runs"}, {"seed": 0})
+    assert len(fleet.runs_in_common) == 20
     jsonschema.validate(fleet_document(fleet), SCHEMA)
     fleet.write(tmp_path / "fleet.json")
     again = read_fleet(tmp_path / "fleet.json")
-    assert fleet_document(again) == fleet_document(fleet)
+    assert fleet_document(again) == fleet_document(fleet) and again.runs_in_common == fleet.runs_in_common
     assert repr(again).startswith("<Fleet: sensors 60; alpha (") and "left out" in again._repr_html_()
     typical = again.population.typical()
     assert typical.temperature.thermal_diffusivity_m2_s.value == pytest.approx(8e-8, rel=0.02)
