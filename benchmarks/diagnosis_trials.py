@@ -20,10 +20,11 @@ import time
 from collections import Counter, defaultdict
 from collections.abc import Iterable
 from dataclasses import replace
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
+
+from shockrig.protocols.parallel import mapped
 
 ORDINARY = ("convective_film", "finite_transfer", "stem_conduction", "die_thermal_lag")
 BINS = (0.0, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0)  # of stated probabilities
@@ -196,18 +197,20 @@ def main(argv: list[str] | None = None) -> int:
     stop = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: stop.set())  # ends after the trial at hand, with the tables so far
     seeds = range(args.first_seed, args.first_seed + args.trials)
-    done = []
-    with get_context("spawn").Pool(args.workers) as pool:
-        work = ((args.kind, args.tier, args.strength, seed, args.plan, True) for seed in seeds)
-        for seed, result in zip(seeds, pool.imap(_one, work), strict=True):
-            print(line(seed, result), flush=True)
-            done.append(result)
-            if stop.is_set():
-                break
-        pool.terminate()
+    done, died = [], []
+    work = [(args.kind, args.tier, args.strength, seed, args.plan, True) for seed in seeds]
+    # No Dask: its workers would not find this folder's modules.
+    for place, result in mapped(_one, work, args.workers, with_dask=False):
+        if result is None:
+            died.append(seeds[place])
+            continue
+        print(line(seeds[place], result), flush=True)
+        done.append(result)
+        if stop.is_set():
+            break
     print(
         f"\nkind {args.kind}, plan {args.plan}, tier {args.tier}, strength {args.strength}, "
-        f"seeds {seeds[0]} to {seeds[len(done) - 1]}"
+        f"{len(done)} of the seeds {seeds[0]} to {seeds[-1]}" + (f"; the process died of {died}" if died else "")
     )
     print(tables(done))
     return 0

@@ -15,10 +15,11 @@ import os
 import sys
 import tempfile
 from collections import defaultdict
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
+
+from shockrig.protocols.parallel import mapped
 
 WORSE = 0.02  # an extension may not be worse than this on fresh runs
 
@@ -184,13 +185,16 @@ def main(argv: list[str] | None = None) -> int:
         rows = (json.loads(text) for text in args.state.read_text(encoding="utf-8").splitlines() if text.endswith("}"))
         known = {(r["class"], r["seed"]): r for r in rows}
     missing = [(*w, args.keep, args.limit) for w in wanted if w not in known]
-    with get_context("spawn").Pool(args.workers, maxtasksperchild=20) as pool:
-        for result in pool.imap_unordered(_one, missing):
-            print(line(result), flush=True)
-            known[result["class"], result["seed"]] = result
-            if args.state:
-                with args.state.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(result) + "\n")
+    # No Dask: its workers would not find this folder's modules.
+    for place, result in mapped(_one, missing, args.workers, with_dask=False):
+        if result is None:
+            print(f"{missing[place][:2]}: the process died")
+            continue
+        print(line(result), flush=True)
+        known[result["class"], result["seed"]] = result
+        if args.state:
+            with args.state.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(result) + "\n")
     done = [known[w] for name in args.classes for w in wanted if w[0] == name and w in known]
     print(f"\nseeds {seeds[0]} to {seeds[-1]} of each class")
     print(table(done))
