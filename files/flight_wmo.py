@@ -11,6 +11,7 @@ import re
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,22 +105,9 @@ def write_wmo(
             trajectory = data.createVariable("trajectory", str, ())
             trajectory.long_name, trajectory.cf_role = "flight", "trajectory_id"
             trajectory[0] = attributes["flight_id"]
-            for name, (units, words, standard) in VARIABLES.items():
-                if name not in columns:
-                    continue
-                variable = data.createVariable(name, "f8", ("obs",), fill_value=np.nan, zlib=True)
-                variable.units, variable.long_name, variable.processing_level = (
-                    units,
-                    words,
-                    attributes["processing_level"],
-                )
-                if standard:
-                    variable.standard_name = standard
-                if name == "altitude":
-                    variable.positive, variable.axis = "up", "Z"
-                if name not in COORDINATES:
-                    variable.coordinates = " ".join(COORDINATES)
-                variable[:] = columns[name][rows]
+            for name in VARIABLES:
+                if name in columns:
+                    _put(data, name, columns[name][rows], attributes["processing_level"])
             for name in ("air_temperature", "relative_humidity"):
                 if f"{name}_uncertainty" in data.variables:
                     data[name].ancillary_variables = f"{name}_uncertainty {name}_uncertainty_common"
@@ -127,3 +115,17 @@ def write_wmo(
     finally:
         temporary.unlink(missing_ok=True)
     return path
+
+
+def _put(data: Any, name: str, values: Array, level: str) -> None:
+    """One variable of a file that is being written, with the attributes that the format wants of it."""
+    units, words, standard = VARIABLES[name]
+    variable = data.createVariable(name, "f8", ("obs",), fill_value=np.nan, zlib=True)
+    variable.units, variable.long_name, variable.processing_level = units, words, level
+    if standard:
+        variable.standard_name = standard
+    if name == "altitude":
+        variable.positive, variable.axis = "up", "Z"
+    if name not in COORDINATES:
+        variable.coordinates = " ".join(COORDINATES)
+    variable[:] = values

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import signal
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -107,28 +107,13 @@ def record_campaign(
         for text in folder.changed(session) if session is not None else ():
             watcher.say(f"another setting than in this campaign's last session: {text}")
         runner = _Runner(bench, protocol, folder, watcher, utc)
-        recorded = []
         try:
             runner.open()
             if bench.emulated:
                 watcher.say(INVENTED)
             if session is not None:
                 runner.session = folder.add_session(session)
-            while True:
-                left_out = None
-                for run in missing:
-                    if runner.recorded(
-                        run, "running the same command again records it" if more is None else "another is chosen"
-                    ):
-                        recorded.append(run.id)
-                    else:
-                        left_out = run.id
-                further = None if more is None else more(left_out, bench.clock.now())
-                if further is None:
-                    break
-                runner.protocol = protocol = further
-                folder.extend(protocol)
-                missing = folder.missing()
+            return runner.record_all(missing, more)
         except RecordingError:
             raise  # its message says where the journal is: that stays there until there is room again
         except BaseException:
@@ -137,7 +122,6 @@ def record_campaign(
             raise
         finally:
             runner.make_safe()
-        return recorded
     except BaseException:
         folder.abandon()
         raise
@@ -187,6 +171,24 @@ class _Runner:
             self.bench.make_safe()
         except OSError as error:
             self.watcher.say(f"THE BENCH MAY NOT BE SAFE: the stage could not be stopped ({error})")
+
+    def record_all(self, missing: Sequence[PlannedRun], more: More | None) -> list[str]:
+        """Record what is missing, then what `more` asks for, until it asks for nothing; ids of the runs recorded."""
+        done: list[str] = []
+        after = "running the same command again records it" if more is None else "another is chosen"
+        while True:
+            left_out = None
+            for run in missing:
+                if self.recorded(run, after):
+                    done.append(run.id)
+                else:
+                    left_out = run.id
+            further = None if more is None else more(left_out, self.bench.clock.now())
+            if further is None:
+                return done
+            self.protocol = further
+            self.folder.extend(further)
+            missing = self.folder.missing()
 
     def recorded(self, run: PlannedRun, after: str) -> bool:
         """Record one run of the protocol; False where the operator wants it left out (`after`: what comes of that)."""

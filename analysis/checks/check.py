@@ -7,10 +7,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from shockrig.analysis.checks.airs import airs_disagree, airs_off_both
 from shockrig.analysis.checks.clocks import clocks_without_starts, starts_and_clocks
 from shockrig.analysis.checks.finding import InputFinding
-from shockrig.analysis.checks.misfiled import airs_swapped, columns_and_sensors_swapped, copied_runs
+from shockrig.analysis.checks.misfiled import (
+    airs_disagree,
+    airs_off_both,
+    airs_swapped,
+    columns_and_sensors_swapped,
+    copied_runs,
+)
 from shockrig.analysis.checks.rates import response_times
 from shockrig.analysis.checks.sensors import dead_sensors, impossible_readings, saturated_sensors
 from shockrig.analysis.checks.signals import CampaignView, look

@@ -131,7 +131,7 @@ def estimate_start(time_s: Array, value: Array) -> float | None:
         starts = np.linspace(low, high, STARTS_TRIED)
         # Near the start single samples count; far from it their averages do.
         time, level, count = _thinned(time_s, value, 0.5 * (low + high), 2.0 * (high - low))
-        costs = [_misfit(time, level, count, start) for start in starts]
+        costs = _misfits(time, level, count, starts)
         best = float(starts[int(np.argmin(costs))])
         reach = 3.0 * (high - low) / STARTS_TRIED
         low, high = max(best - reach, float(time_s[3])), min(best + reach, float(time_s[-4]))
@@ -152,19 +152,28 @@ def _thinned(time: Array, value: Array, middle: float, reach: float) -> tuple[Ar
     return tuple((x / count)[order] for x in (np.bincount(group, time), np.bincount(group, value))) + (count[order],)
 
 
-def _misfit(time: Array, value: Array, count: Array, start: float) -> float:
-    """Weighted sum of squares of a level and, from `start` on, relaxations of all speeds."""
-    late = np.maximum(time - start, 0.0)
-    after = late[late > 0]
-    if after.size < 3:
-        return float("inf")
-    longest = float(after[-1])
-    shortest = max(float(after[min(2, after.size - 1)]), 1e-4 * longest)
-    taus = np.geomspace(shortest, max(longest, 1.1 * shortest), RELAXATION_ROUNDS)
+def _misfits(time: Array, value: Array, count: Array, starts: Array) -> Array:
+    """Weighted sums of squares (S,) of a level and, from each start on, relaxations of all speeds."""
+    first = np.searchsorted(time, starts, side="right")  # of the times after each start
+    enough = time.size - first >= 3
+    out = np.full(starts.size, np.inf)
+    starts, first = starts[enough], first[enough]
+    longest = time[-1] - starts
+    shortest = np.maximum(time[first + 2] - starts, 1e-4 * longest)
+    taus = np.geomspace(shortest, np.maximum(longest, 1.1 * shortest), RELAXATION_ROUNDS, axis=1)
     root = np.sqrt(count)
-    basis = np.column_stack([np.ones(time.size), -np.expm1(-late[:, None] / taus)]) * root[:, None]
-    coefficients, *_ = np.linalg.lstsq(basis, value * root, rcond=1e-9)
-    return float(((value * root - basis @ coefficients) ** 2).sum())
+    late = np.maximum(time - starts[:, None], 0.0)
+    basis = np.empty((starts.size, time.size, 1 + RELAXATION_ROUNDS))
+    basis[..., 0] = 1.0
+    basis[..., 1:] = -np.expm1(-late[..., None] / taus[:, None])
+    basis *= root[:, None]
+    weighted = value * root
+    left = []
+    for one in basis:
+        coefficients, *_ = np.linalg.lstsq(one, weighted, rcond=1e-9)
+        left.append(float(((weighted - one @ coefficients) ** 2).sum()))
+    out[enough] = left
+    return out
 
 
 def half_way_s(time_s: Array, value: Array) -> float:

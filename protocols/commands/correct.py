@@ -6,7 +6,7 @@ import argparse
 import os
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from shockrig.analysis.flight.comparisons import Layers
     from shockrig.analysis.flight.stream import Summary
     from shockrig.analysis.report.corrected_page import FlightGathered
+    from shockrig.files.profile import Profile
 
 QUANTITIES = (
     "time", "temperature", "humidity", "airspeed", "die", "pressure", "altitude", "latitude", "longitude",
@@ -155,21 +156,16 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.analysis.flight.comparisons import PARTED, Layers
     from shockrig.analysis.flight.doubts import profile_doubts
     from shockrig.analysis.flight.stream import correct_file
-    from shockrig.analysis.report.corrected_page import FlightGathered, write_corrected_page
-    from shockrig.files.disk import real_path
+    from shockrig.analysis.report.corrected_page import FlightGathered
     from shockrig.files.errors import InputError
     from shockrig.files.fleet import read_fleet
     from shockrig.files.profile import read_profile
-    from shockrig.protocols.flight_clock import clocked_csv
-    from shockrig.protocols.flight_logs import to_csv
-    from shockrig.protocols.folder import software_version
     from shockrig.protocols.time_left import CountedRows
     from shockrig.protocols.wmo import demand_position, of_argument
 
     columns = chosen_columns(args.column)
     _demand_options(args)
     profile = read_fleet(args.fleet).typical() if args.profile is None else read_profile(args.profile)
-    known: Path = args.fleet or args.profile
     option = "--profile" if args.fleet is None else "--fleet"
     doubted = profile_doubts(profile)
     for note in doubted:
@@ -180,18 +176,7 @@ def main(args: argparse.Namespace) -> int:
     drawn = FlightGathered()
     gather = [one.add for one in (wmo, layers, drawn) if one is not None]
     with tempfile.TemporaryDirectory() as folder:
-        source = Path(folder) / args.flight.name  # as CSV, by the name that the result and messages carry
-        read = to_csv(args.flight, source, columns=columns, map_path=args.map)
-        if read is None:
-            source = args.flight
-        elif real_path(args.out) == real_path(args.flight):
-            raise InputError(f"{args.out}: the log itself; name another file for the corrected flight")
-        chosen = columns if read is None else None
-        if args.clock_s is not None:
-            clocked = Path(folder) / "clocked" / args.flight.name
-            clocked.parent.mkdir()
-            clocked_csv(source, clocked, chosen, args.clock_s)
-            source = clocked
+        source, chosen, read_how = _as_csv(args, columns, Path(folder))
         try:
             if wmo is not None:
                 demand_position(source, chosen)
@@ -205,7 +190,7 @@ def main(args: argparse.Namespace) -> int:
                 temperature_noise_k=args.temperature_noise_k,
                 humidity_noise_percent=args.humidity_noise_percent,
                 lag_s=args.lag_s,
-                history=f"shockrig correct --method {args.method} {option} {known.name}"
+                history=f"shockrig correct --method {args.method} {option} {(args.fleet or args.profile).name}"
                 + ("" if args.clock_s is None else f" --clock-s {args.clock_s:g}"),
                 progress=CountedRows(about_rows(source)),
                 gather=gather,
@@ -213,30 +198,14 @@ def main(args: argparse.Namespace) -> int:
         except InputError as error:
             raise type(error)(str(error).replace(str(source), str(args.flight))) from error
     written = wmo.write(args.out, args.flight.name) if wmo else args.out
-    done = replace(done, notes=(*(read.said if read else ()), *done.notes))
+    done = replace(done, notes=(*read_how, *done.notes))
     done = replace(done, notes=(*done.notes, *offered(done.notes, args.flight, args.profile)))
     notes = [note for note in done.notes if note not in doubted]
     for note in (parted := [note for note in notes if PARTED in note]):
         print(f"note: {note}", file=sys.stderr, flush=True)
     if as_figure:
         write_figure(args.out, drawn)
-    page = None
-    if not args.no_report:
-        page = write_corrected_page(
-            args.report or (args.out.with_name(f"{args.out.name}.html") if wmo else args.out.with_suffix(".html")),
-            args.flight.name,
-            drawn,
-            profile,
-            done.notes,
-            {
-                "log": str(args.flight),
-                "profile": str(known),
-                "method": args.method,
-                "software": f"shockrig {software_version()}",
-                "made_at": datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z"),
-            }
-            | ({"data": str(profile.provenance["data"])} if "data" in profile.provenance else {}),
-        )
+    page = None if args.no_report else _page(args, drawn, profile, done.notes)
     _said(args, written, done, drawn, layers)
     if page is not None:
         print(f"report: {page}")
@@ -245,6 +214,55 @@ def main(args: argparse.Namespace) -> int:
     for note in [note for note in notes if note not in parted]:
         print(f"note: {note}", file=sys.stderr)
     return 0
+
+
+def _as_csv(
+    args: argparse.Namespace, columns: Mapping[str, str], folder: Path
+) -> tuple[Path, Mapping[str, str] | None, tuple[str, ...]]:
+    """The log as a CSV file on the clock that is asked for, made in a folder where it is none; the columns to look for
+    in it, where they are not those of this project; and what is to be said of how it was read.
+
+    Raises
+    ------
+    InputError
+        The log cannot be read, or is the file to be written.
+    """
+    from shockrig.files.disk import real_path
+    from shockrig.files.errors import InputError
+    from shockrig.protocols.flight_clock import clocked_csv
+    from shockrig.protocols.flight_logs import to_csv
+
+    source = folder / args.flight.name  # by the name that the result and messages carry
+    read = to_csv(args.flight, source, columns=columns, map_path=args.map)
+    if read is None:
+        source = args.flight
+    elif real_path(args.out) == real_path(args.flight):
+        raise InputError(f"{args.out}: the log itself; name another file for the corrected flight")
+    chosen = columns if read is None else None
+    if args.clock_s is not None:
+        clocked = folder / "clocked" / args.flight.name
+        clocked.parent.mkdir()
+        clocked_csv(source, clocked, chosen, args.clock_s)
+        source = clocked
+    return source, chosen, tuple(read.said) if read else ()
+
+
+def _page(args: argparse.Namespace, drawn: FlightGathered, profile: Profile, notes: tuple[str, ...]) -> Path:
+    """Write the page beside the corrected flight, or where it is wanted."""
+    from shockrig.analysis.report.corrected_page import write_corrected_page
+    from shockrig.protocols.folder import software_version
+
+    beside = args.out.with_name(f"{args.out.name}.html") if args.wmo else args.out.with_suffix(".html")
+    provenance = {
+        "log": str(args.flight),
+        "profile": str(args.fleet or args.profile),
+        "method": args.method,
+        "software": f"shockrig {software_version()}",
+        "made_at": datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z"),
+    }
+    if "data" in profile.provenance:
+        provenance["data"] = str(profile.provenance["data"])
+    return write_corrected_page(args.report or beside, args.flight.name, drawn, profile, notes, provenance)
 
 
 def offered(notes: Sequence[str], log: Path, profile: Path | None) -> tuple[str, ...]:

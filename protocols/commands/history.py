@@ -38,7 +38,7 @@ def main(args: argparse.Namespace) -> int:
     """Characterize each campaign, chart, print."""
     from datetime import UTC, datetime
 
-    from shockrig.analysis.report.history_page import sentences, write_history
+    from shockrig.analysis.report.certificate_page import sentences, write_history
     from shockrig.files.errors import InputError
     from shockrig.files.json_files import write_json
     from shockrig.protocols.commands.characterize import say
@@ -176,7 +176,7 @@ def _charts(campaigns: Sequence[Campaign], args: argparse.Namespace, say: Any) -
 
 
 def _document(charts: Sequence[Chart], provenance: dict[str, Any]) -> dict[str, Any]:
-    from shockrig.analysis.report.history_page import sentence
+    from shockrig.analysis.report.certificate_page import sentence
 
     return {
         "format": HISTORY_FORMAT,

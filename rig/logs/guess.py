@@ -55,17 +55,7 @@ def guess_log(lines: Scan) -> Guess:
         named = known_unit(lines.units[k]) or unit_in_name(name) or unit_in_cells([row[k] for row in rows])
         quantity = _position(name) or quantity_of(name, named)
         if quantity is None or quantity == "time":
-            why = "by its name no temperature, humidity, pressure or airflow"
-            if clock is not None:
-                own, shared_by_all = ([row[at] for row in rows] for at in (k, lines.names.index(times[0])))
-                if re.sub(r" #\d+$", "", name) == times[0]:
-                    why = f"the same as {times[0]}"
-                    other = any(a and a != b for a, b in zip(own, shared_by_all, strict=True))
-                else:
-                    other = is_called_time(name) and _times_of_others(clock, name, own, shared_by_all)
-                if other:
-                    why = f"other times than {times[0]}, by which all readings are timed; state it as time for its own"
-            unused.append((name, why))
+            unused.append((name, _why_no_reading(clock, name, k, lines, rows)))
             continue
         if values.size < 2 or (values == 0.0).all():
             unused.append((name, "holds nothing" if values.size < 2 else "holds nothing but zeros (not connected?)"))
@@ -106,6 +96,25 @@ def guess_log(lines: Scan) -> Guess:
             bare = re.sub(r"[^A-Za-z0-9]+", "-", bare_name(main[0])).strip("-")
             sensor.name = (bare if len(main) == 1 and bare else "sensor") + (sensor.name if len(main) > 1 else "")
     return Guess(clock, tuple(useful), known_as, tuple(unused))
+
+
+def _why_no_reading(
+    clock: TimeColumns | None, name: str, place: int, lines: Scan, rows: Sequence[Sequence[str]]
+) -> str:
+    """Why a column, by its name, holds nothing that is looked for."""
+    if clock is not None:
+        first = clock.columns[0]
+        own, shared_by_all = ([row[k] for row in rows] for k in (place, lines.names.index(first)))
+        again = re.sub(r" #\d+$", "", name) == first
+        if again:
+            other = any(a and a != b for a, b in zip(own, shared_by_all, strict=True))
+        else:
+            other = is_called_time(name) and _times_of_others(clock, name, own, shared_by_all)
+        if other:
+            return f"other times than {first}, by which all readings are timed; state it as time for its own"
+        if again:
+            return f"the same as {first}"
+    return "by its name no temperature, humidity, pressure or airflow"
 
 
 def _times_of_others(clock: TimeColumns, name: str, own: Sequence[str], shared: Sequence[str]) -> bool:

@@ -207,14 +207,7 @@ def import_run(
     for place in ("source", "destination"):
         said = {key: getattr(facts, f"{place}_{key}") for key in ("temperature_c", "humidity_percent")}
         airs[place] = {key: value for key, value in said.items() if value is not None}
-    start_s = None
-    if facts.start is not None:
-        start_s = round(to_seconds(clock, 0.0, _as_written(facts.start), "--start") - begins_s, 6)
-        if not 0 < start_s < ends_s - begins_s:
-            raise BenchError(
-                f"--start {facts.start} is not within the recording, which is {ends_s - begins_s:.1f} s long; "
-                "give it on the clock of the files"
-            )
+    start_s = None if facts.start is None else _start_s(facts.start, clock, begins_s, ends_s)
     tables = {key: _table(key, one, begins_s) for key, one in series.items()}
     times = "dates" if clock.is_dated else clock.known
     imported = {
@@ -239,6 +232,17 @@ def import_run(
         )
         _put(campaign, id_, run, tables, head if changed else None, fresh)
     return id_
+
+
+def _start_s(start: str, clock: TimeColumns, begins_s: float, ends_s: float) -> float:
+    """The transfer's start within a recording [s], from what was stated on the files' clock."""
+    start_s = round(to_seconds(clock, 0.0, _as_written(start), "--start") - begins_s, 6)
+    if not 0 < start_s < ends_s - begins_s:
+        raise BenchError(
+            f"--start {start} is not within the recording, which is {ends_s - begins_s:.1f} s long; "
+            "give it on the clock of the files"
+        )
+    return start_s
 
 
 def _as_written(start: str) -> object:

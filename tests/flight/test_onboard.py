@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -21,7 +22,7 @@ from shockrig.protocols.cli import main
 from shockrig.protocols.onboard_check import STRICT, build, compiler, difference, reference, run
 
 ROWS = 500
-SANITIZED = (*STRICT, "-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+SANITIZED = (*STRICT, "-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all")  # optimized: half a minute
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler on this computer")
 
 
@@ -53,9 +54,14 @@ def beside_bead(activity):
     return replace(rich, humidity=replace(rich.humidity, effects=(*rich.humidity.effects, film)))
 
 
+@cache
+def flown_log(rich):
+    """What the sensors of a profile, rich or plain, log in an inversion."""
+    return fly(inversion(np.random.default_rng([3, 1])), rich_profile() if rich else typical_profile(), 3).log
+
+
 def flight_with(profile, damage=False):
-    simulated = rich_profile() if profile.humidity.effects else profile
-    log = fly(inversion(np.random.default_rng([3, 1])), simulated, 3).log.iloc[600 : 600 + ROWS].reset_index(drop=True)
+    log = flown_log(bool(profile.humidity.effects)).iloc[600 : 600 + ROWS].reset_index(drop=True)
     if damage:
         log.loc[[50, 51], "temperature_c"] = -99.0
         log.loc[80:90, "humidity_percent"] = np.nan
@@ -167,9 +173,7 @@ def test_what_cannot_fly_is_refused():
 def test_the_command_writes_sources_and_measures_them(tmp_path, capsys):
     profile = rich_profile()
     write_profile(profile, tmp_path / "profile.json")
-    simulated = rich_profile() if profile.humidity.effects else profile
-    log = fly(inversion(np.random.default_rng([3, 1])), simulated, 3).log.iloc[:200]
-    log.to_csv(tmp_path / "flight.csv", index=False)
+    flown_log(True).iloc[:200].to_csv(tmp_path / "flight.csv", index=False)
     out = tmp_path / "program"
     arguments = ["onboard", str(tmp_path / "profile.json"), "--out", str(out), "--flight", str(tmp_path / "flight.csv")]
     assert main(arguments) == 0
