@@ -5,6 +5,9 @@ is started in the background (nohup, cron, a script's `&`) inherits that SIGINT 
 handler is at its default again in every process that a test starts.
 """
 
+import contextlib
+import fcntl
+import io
 import os
 import signal
 import sys
@@ -43,6 +46,45 @@ def forked_as_in_a_terminal():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(branch, "alone", lambda: sys.platform == "linux" and threading.active_count() <= before)
         yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def figures_without_layout():
+    """Fitting a layout takes as long as drawing: tests/report has it, and the pages that .ci/docs makes."""
+    from shockrig.files import figures
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(figures.RC, "figure.constrained_layout.use", False)
+        yield
+
+
+@pytest.fixture(scope="session")
+def demonstrated(tmp_path_factory):
+    """A demo of an air film on eight short runs, made once: (its folder, what it printed, what went to standard
+    error)."""
+    from small_worlds import SHORT
+
+    from shockrig.protocols.cli import main
+    from shockrig.protocols.commands import demo
+
+    base = tmp_path_factory.getbasetemp()
+    home = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "demonstrated"
+    home.mkdir(exist_ok=True)
+    with open(home / "lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (home / "printed").exists():
+            (home / "short.toml").write_text(SHORT)
+            out, err = io.StringIO(), io.StringIO()
+            with (
+                pytest.MonkeyPatch.context() as patch,
+                contextlib.redirect_stdout(out),
+                contextlib.redirect_stderr(err),
+            ):
+                patch.setattr(demo, "PROTOCOL", str(home / "short.toml"))
+                assert main(["demo", "--out", str(home / "out"), "--seed", "5", "--hide", "convective_film"]) == 0
+            (home / "said").write_text(err.getvalue())
+            (home / "printed").write_text(out.getvalue())
+    return home / "out", (home / "printed").read_text(), (home / "said").read_text()
 
 
 @pytest.fixture

@@ -25,6 +25,35 @@ QUIET = Truth(
 LIGHT = {"irradiance_w_m2": 800.0}
 
 
+# A protocol of eight short runs: both ways in temperature at three airflows, both ways in humidity.
+_HEAD = """
+format = "shock-protocol/1"
+name = "short"
+[steps]
+usual = [
+  { do = "soak", over_s = 5, at_most_s = 600, reference_within_k = 0.05, reference_within_percent = 0.3 },
+  { do = "record", for_s = 5 },
+  { do = "transfer" },
+  { do = "record", for_s = 40 },
+]
+"""
+_RUN = """
+[[run]]
+airflow_m_s = {flow}
+source = {{ temperature_c = {source[0]}, humidity_percent = {source[1]} }}
+destination = {{ temperature_c = {destination[0]}, humidity_percent = {destination[1]} }}
+"""
+_WARM, _COOL, _DRY, _WET = (40, 18), (20, 55), (20, 20), (20, 80)
+_BOTH_WAYS = [(_WARM, _COOL), (_COOL, _WARM)]
+SHORT = "".join(
+    [
+        _HEAD,
+        *(_RUN.format(flow=flow, source=a, destination=b) for flow in (2.5, 6.0, 12.0) for a, b in _BOTH_WAYS),
+        *(_RUN.format(flow=6.0, source=a, destination=b) for a, b in ((_DRY, _WET), (_WET, _DRY))),
+    ]
+)
+
+
 def small_plan():
     """Runs at 20 degC (both quantities, both directions, three airflows), some under light, two cold ones with dew."""
     wide = wide_plan()

@@ -147,7 +147,7 @@ def test_no_row_leaves_it_without_a_number(tmp_path):
         str(tmp_path / "shock_correct.c"),
     ]
     subprocess.run([*command, "-lm"], check=True)
-    done = subprocess.run([str(program), "40000"], capture_output=True, text=True)
+    done = subprocess.run([str(program), "10000"], capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "0 of them no number" in done.stdout
 

@@ -495,7 +495,7 @@ def test_lags_of_two_sensors_are_within_their_uncertainties(twins, channel, lags
 def test_two_logs_of_one_flight_in_python(twins):
     """Thermometers with a log each, the second's clock 100 s off: both lags within two standard uncertainties, a sensor
     and a profile for each, and how they differ in the document."""
-    logs = [[pair[which].flight for pair in twins] for which in (0, 1)]
+    logs = [[pair[which].flight for pair in twins[:1]] for which in (0, 1)]
     dry = [[replace(one, humidity_percent=np.full(one.time_s.size, np.nan)) for one in some] for some in logs]
     late = [replace(one, time_s=one.time_s + 100.0) for one in dry[1]]
     found = shockrig.learn(dry[0], beside=late)

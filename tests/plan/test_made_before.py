@@ -26,7 +26,7 @@ STEM = Hidden("stem_conduction", {"fraction": 0.04, "time_constant_s": 11.0}, ("
 def home(tmp_path_factory):
     """A folder with a campaign of the thermometer alone, and its diagnosis beside it."""
     home, rng = tmp_path_factory.mktemp("home"), np.random.default_rng(71)
-    campaign = simulate_campaign(draw_truth(rng, effects=[STEM]), small_plan()[::2], rng, home / "mine")
+    campaign = simulate_campaign(draw_truth(rng, effects=[STEM]), small_plan()[::3], rng, home / "mine")
     for hyt in campaign.glob("runs/*/hyt.csv"):
         hyt.unlink()
     assert main(["diagnose", str(campaign), "--out", str(home / "found")]) == 0
@@ -101,7 +101,7 @@ def test_a_fingerprint_is_that_of_the_recordings(copy):
     head = copy / "mine" / "campaign.json"
     head.write_text(json.dumps(json.loads(head.read_text()) | {"sessions": [{"operator": "somebody"}]}))
     assert fingerprint(read_campaign(copy / "mine")) == fingerprint(before)
-    table = copy / "mine" / "runs" / "0003" / "imet.csv"
+    table = copy / "mine" / "runs" / "0004" / "imet.csv"
     lines = table.read_text().splitlines()
     table.write_text("\n".join(lines[:-1]) + "\n")
     assert fingerprint(read_campaign(copy / "mine")) != fingerprint(before)

@@ -12,47 +12,11 @@ from shockrig.protocols.reveal import ChannelScore, RevealScore
 from shockrig.rig.virtual.hide import open_seal
 from shockrig.rig.virtual.truth import draw_truth
 
-HEAD = """
-format = "shock-protocol/1"
-name = "short"
-[steps]
-usual = [
-  { do = "soak", over_s = 5, at_most_s = 600, reference_within_k = 0.05, reference_within_percent = 0.3 },
-  { do = "record", for_s = 5 },
-  { do = "transfer" },
-  { do = "record", for_s = 40 },
-]
-"""
-RUN = """
-[[run]]
-airflow_m_s = {flow}
-source = {{ temperature_c = {source[0]}, humidity_percent = {source[1]} }}
-destination = {{ temperature_c = {destination[0]}, humidity_percent = {destination[1]} }}
-"""
-WARM, COOL, DRY, WET = (40, 18), (20, 55), (20, 20), (20, 80)
-SHOCKS = [(WARM, COOL), (COOL, WARM)]
 TRUTH = draw_truth(np.random.default_rng(0))
 
 
-@pytest.fixture(scope="module")
-def shown(tmp_path_factory):
-    """A demo of an air film on eight short runs: (its folder, what it printed, what went to standard error)."""
-    import contextlib
-    import io
-
-    home = tmp_path_factory.mktemp("demo")
-    runs = [RUN.format(flow=flow, source=a, destination=b) for flow in (2.5, 6.0, 12.0) for a, b in SHOCKS]
-    runs += [RUN.format(flow=6.0, source=a, destination=b) for a, b in ((DRY, WET), (WET, DRY))]
-    (home / "short.toml").write_text(HEAD + "".join(runs))
-    out, err = io.StringIO(), io.StringIO()
-    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        patch.setattr(demo, "PROTOCOL", str(home / "short.toml"))
-        assert main(["demo", "--out", str(home / "out"), "--seed", "5", "--hide", "convective_film"]) == 0
-    return home / "out", out.getvalue(), err.getvalue()
-
-
-def test_the_air_film_is_found_and_the_first_line_says_so(shown):
-    out, printed, _ = shown
+def test_the_air_film_is_found_and_the_first_line_says_so(demonstrated):
+    out, printed, _ = demonstrated
     truth, seed = open_seal(out / "campaign.sealed")
     assert seed == 5 and [hidden.effect for hidden in truth.effects] == ["convective_film"]
     assert printed.startswith("Found what was hidden, and nothing else: convective film (temperature).\n")
@@ -62,8 +26,8 @@ def test_the_air_film_is_found_and_the_first_line_says_so(shown):
     assert f"hidden {true:.4g}, found " in printed
 
 
-def test_the_extended_alpha_is_the_materials_where_the_plain_one_is_not(shown):
-    out, _, _ = shown
+def test_the_extended_alpha_is_the_materials_where_the_plain_one_is_not(demonstrated):
+    out, _, _ = demonstrated
     truth, _ = open_seal(out / "campaign.sealed")
     alpha = {
         name: json.loads((out / name / "profile.json").read_text())["temperature"]["thermal_diffusivity_m2_s"]
@@ -74,8 +38,8 @@ def test_the_extended_alpha_is_the_materials_where_the_plain_one_is_not(shown):
     assert abs(alpha["extended"]["value"] - true) < 4 * alpha["extended"]["standard_uncertainty"] < true
 
 
-def test_progress_is_on_standard_error_and_every_path_that_is_printed_exists(shown):
-    out, printed, progress = shown
+def test_progress_is_on_standard_error_and_every_path_that_is_printed_exists(demonstrated):
+    out, printed, progress = demonstrated
     assert [line[0] for line in progress.splitlines() if " of 5: " in line] == ["1", "2", "3", "4", "5"]
     assert "of 5:" not in printed and "run 0001" not in printed
     reports, figures = printed.splitlines()[-2:]
@@ -87,9 +51,9 @@ def test_progress_is_on_standard_error_and_every_path_that_is_printed_exists(sho
     assert all((out.parent / path).is_file() for path in paths)
 
 
-def test_progress_of_the_plain_model_says_whose_it_is(shown, tmp_path, capsys):
+def test_progress_of_the_plain_model_says_whose_it_is(demonstrated, tmp_path, capsys):
     """It is fitted while the diagnosis goes on, whose lines begin with the same channels."""
-    demo._plain(lambda nothing: None, shown[0] / "campaign", tmp_path / "plain", "2026-01-01T00:00:00Z")
+    demo._plain(lambda nothing: None, demonstrated[0] / "campaign", tmp_path / "plain", "2026-01-01T00:00:00Z")
     said = capsys.readouterr().err.splitlines()
     assert said and all(line.startswith("plain model: ") for line in said)
 

@@ -10,7 +10,7 @@ import pytest
 from benchmark_scripts import benchmark
 
 fuzz, kinds = benchmark("fuzz_commands"), benchmark("fuzz_kinds")
-SAMPLE, SEED = 24, 12
+SAMPLE, SEED = 16, 12
 
 
 @pytest.fixture(scope="module")

@@ -160,7 +160,7 @@ def sound(path: Path, ids: list[str]) -> None:
     assert list(state.recorded) == ids
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_kill_9_at_any_moment_loses_no_whole_record_and_the_campaign_goes_on(tmp_path, seed):
     path, rng = tmp_path / "campaign", random.Random(seed)
     process = start(path)
