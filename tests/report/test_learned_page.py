@@ -22,7 +22,7 @@ def flown(name):
     still = np.ones(time_s.size)
     return FlightBins(
         name, time_s, still, np.repeat(time_s[:, None], SUB_SAMPLES, axis=1), time_s, track, track,
-        np.gradient(track), 3.0 * still, values, passes(track, time_s),
+        time_s, np.gradient(track), np.full(time_s.size, np.nan), values, passes(track, time_s),
     )  # fmt: skip
 
 
@@ -46,6 +46,9 @@ def channel(name, said, causes=(), why="", model=0.1, names=("one", "two")):
 
 
 LAG = FlightCause(LAWS["temperature.lag"], 0.991, (LearnedNumber(LAWS["temperature.lag"].parameters[0], 5.0, 0.3),))
+WASHED = LAWS["temperature.offset_in_descent"]
+WASH = FlightCause(WASHED, 0.98, (LearnedNumber(WASHED.parameters[0], -1.0, 0.1),))
+BOTH = replace(fit("temperature.lag", np.log(5.0)), laws=(LAWS["temperature.lag"], WASHED))
 OFFSET = LAWS["humidity.offset_in_descent"]
 DESCENT = FlightCause(OFFSET, 0.98, (LearnedNumber(OFFSET.parameters[0], -2.0, 0.4),))
 SHIFT = LAWS["position.clock_offset"]
@@ -78,6 +81,14 @@ def test_the_page_says_what_acts_what_is_open_and_what_was_left_out(learned, tmp
     ("changed", "expected"),
     [
         ({"verdict": "adequate", "causes": ()}, "The thermometer is adequate"),
+        (
+            {"verdict": "tied", "causes": (replace(LAG, probability=0.8), replace(WASH, probability=0.7)), "fit": BOTH},
+            "may have a lag (probability 0.80) and an offset in descent (probability 0.70); these flights",
+        ),
+        (
+            {"verdict": "tied", "causes": (replace(LAG, probability=0.8), replace(WASH, probability=0.7))},
+            "may have a lag (probability 0.80) or an offset in descent (probability 0.70); these flights",
+        ),
         ({"verdict": "not identifiable", "why": "all passes have one speed"}, "these flights: all passes have one"),
         ({"verdict": "tied", "causes": (replace(LAG, probability=0.6),)}, "may have a lag (probability 0.60); these"),
         (
