@@ -174,15 +174,9 @@ def binned(flight: Flight, name: str, count: int) -> FlightBins:
     track_s, track_m = time[known], _without_outliers(flight.altitude_m[order][known])
     track_s, track_m = track_s[np.isfinite(track_m)], track_m[np.isfinite(track_m)]
     begins, ends = flown_span(track_s, track_m)
-    # Half of the measure is time and half is way, so that neither a hover nor a fast descent is left without bins.
-    inside = (track_s >= begins) & (track_s <= ends)
-    at, metres = track_s[inside], track_m[inside]
-    smooth = np.interp(at, *coarse_track(at, metres))
-    way = np.r_[0.0, np.cumsum(np.abs(np.diff(smooth)))]
-    measure = (at - at[0]) / max(np.ptp(at), 1e-9) + way / max(way[-1], 1e-9)
     readings = int(np.count_nonzero((time >= begins) & (time <= ends)))
-    bins = max(FEWEST_BINS, min(count, readings // 2))
-    edges = np.interp(np.linspace(0.0, 2.0, bins + 1), measure, at)
+    inside = (track_s >= begins) & (track_s <= ends)
+    edges = _edges(track_s[inside], track_m[inside], max(FEWEST_BINS, min(count, readings // 2)))
     # A bin holds whole readings, each with the time around it: its mean is then that of its time.
     read = np.unique(time[np.isfinite(flight.temperature_c[order]) | np.isfinite(flight.humidity_percent[order])])
     between = np.r_[read[0], 0.5 * (read[1:] + read[:-1]), read[-1]]
@@ -218,6 +212,15 @@ def binned(flight: Flight, name: str, count: int) -> FlightBins:
         values=values,
         passes=passes(altitude, middle, least_pass_m(track_s, track_m)),
     )
+
+
+def _edges(at: Array, metres: Array, bins: int) -> Array:
+    """Edges of bins (bins + 1,) along a track: half of their measure is time and half is way, so that neither a hover
+    nor a fast descent is left without them."""
+    smooth = np.interp(at, *coarse_track(at, metres))
+    way = np.r_[0.0, np.cumsum(np.abs(np.diff(smooth)))]
+    measure = (at - at[0]) / max(np.ptp(at), 1e-9) + way / max(way[-1], 1e-9)
+    return np.interp(np.linspace(0.0, 2.0, bins + 1), measure, at)
 
 
 def side_by_side(first: FlightBins, second: FlightBins) -> FlightBins:

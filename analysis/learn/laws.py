@@ -245,145 +245,152 @@ _FILM = (
     LawParameter("activity", "1", 0.5, 0.5, 0.0, 1.0, (0.5,), "uptake by activity, not vapour"),
 )
 
+_SLOW_PATH = (
+    LawParameter("fraction", "1", 0.1, 0.15, 0.005, 0.7, (0.1, 0.3), "share"),
+    LawParameter(
+        "second_time_constant_s",
+        "s",
+        USUAL_PATH_S,
+        0.8,
+        10.0,
+        900.0,
+        (40.0, 120.0),
+        "time constant of the slow path",
+        True,
+    ),
+)
+_CLOCK = Law(
+    "clock_offset",
+    ("clock_offset", "pressure_lag"),
+    "",
+    (LawParameter(SHIFT, "s", 0.0, 15.0, -120.0, 120.0, (-30.0, -12.0, -5.0, 5.0, 12.0, 30.0), "shift"),),
+    "y(t) = a(z(t + shift)); a pressure that lags by tau moves every level by tau w, the same shift",
+    "WMO-No. 8 (2021), I.12 (time stamps of merged records); Rodi and Leon 2012, doi 10.5194/amt-5-2569-2012",
+    _STRUCTURE,
+    shift_s=lambda p: p[SHIFT],
+)
 
-def _laws() -> tuple[Law, ...]:
-    found = [
+
+def _of_each(channel: str, usual: float, unit: str, size: float) -> tuple[Law, ...]:
+    """Laws that both channels have: of a usual time constant [s], and offsets of a size in the channel's unit."""
+    lag: tuple[LawParameter, ...] = (_time_constant(usual),)
+    film: dict[str, Any] = {}
+    if channel == "humidity":
+        lag, film = (*lag, *_FILM), {"warmer": _behind, "activity": lambda p, bins: p["activity"]}
+    return (
         Law(
-            "clock_offset",
-            ("clock_offset", "pressure_lag"),
-            "",
-            (LawParameter(SHIFT, "s", 0.0, 15.0, -120.0, 120.0, (-30.0, -12.0, -5.0, 5.0, 12.0, 30.0), "shift"),),
-            "y(t) = a(z(t + shift)); a pressure that lags by tau moves every level by tau w, the same shift",
-            "WMO-No. 8 (2021), I.12 (time stamps of merged records); Rodi and Leon 2012, doi 10.5194/amt-5-2569-2012",
+            "lag",
+            ("lag",),
+            channel,
+            lag,
+            "tau dq/dt = a - q",
+            "Miloshevich and others 2004, doi 10.1175/1520-0426(2004)021<1305:DAVOAT>2.0.CO;2",
             _STRUCTURE,
-            shift_s=lambda p: p[SHIFT],
-        )
-    ]
-    for channel, usual, unit, size in (("temperature", 4.0, "K", 0.7), ("humidity", 8.0, "%RH", 3.0)):
-        lag: tuple[LawParameter, ...] = (_time_constant(usual),)
-        film: dict[str, Any] = {}
-        if channel == "humidity":
-            lag, film = (*lag, *_FILM), {"warmer": _behind, "activity": lambda p, bins: p["activity"]}
-        found += [
-            Law(
-                "lag",
-                ("lag",),
-                channel,
-                lag,
-                "tau dq/dt = a - q",
-                "Miloshevich and others 2004, doi 10.1175/1520-0426(2004)021<1305:DAVOAT>2.0.CO;2",
-                _STRUCTURE,
-                lags=_one_lag,
-                **film,
-            ),
-            Law(
-                "lag_in_the_cold",
-                ("lag_in_the_cold",),
-                channel,
-                (*lag, LawParameter("growth_per_k", "1/K", 0.03, 0.03, -0.02, 0.15, (0.02, 0.06), "growth")),
-                "tau(T) = tau(20 degC) exp(growth (20 degC - T))",
-                "Miloshevich and others 2004; GRUAN-TD-8 (2022)",
-                f"{_STRUCTURE} at temperatures 15 K apart",
-                lags=_lag_in_the_cold,
-                **film,
-            ),
-            Law(
-                "second_path",
-                ("stem_conduction", "housing"),
-                channel,
-                (
-                    *lag,
-                    LawParameter("fraction", "1", 0.1, 0.15, 0.005, 0.7, (0.1, 0.3), "share"),
-                    LawParameter(
-                        "second_time_constant_s",
-                        "s",
-                        USUAL_PATH_S,
-                        0.8,
-                        10.0,
-                        900.0,
-                        (40.0, 120.0),
-                        "time constant of the slow path",
-                        True,
-                    ),  # fmt: skip
-                ),
-                "y = (1 - f) q(tau) + f q(tau2)",
-                "Segales and others 2022, doi 10.5194/amt-15-2607-2022 (housing); Bell and others 2020 (stem)",
-                "a hover after a climb, or two climb rates",
-                lags=_two_paths,
-                **film,
-                flown_as="parallel_lag",
-            ),
-            Law(
-                "offset_in_descent",
-                ("rotor_wash", "wake", "radiative_heating")
-                if channel == "temperature"
-                else ("rotor_wash", "wake", "hysteresis"),
-                channel,
-                (LawParameter("offset_in_descent", unit, 0.0, size, -20 * size, 20 * size, (-size, size), "offset"),),
-                "tau dq/dt = a + offset - q while the flight descends",
-                "Greene and others 2018, doi 10.5194/amt-11-5519-2018",
-                "another speed of descent, a night, and a hover",
-                offset=lambda p, bins: _descending(p, bins) * p["offset_in_descent"],
-                flown_as="offset_in_descent",
-            ),
-        ]
-    found += [
-        Law(
-            "ventilated_warmth",
-            ("radiative_heating", "self_heating"),
-            "temperature",
-            (LawParameter("rise_k_at_5_m_s", "K", 0.0, 0.5, -10.0, 10.0, (0.5, -0.3), "rise at 5 m/s"),),
-            "tau dq/dt = a + rise sqrt(5 m/s / v) - q",
-            "WMO-No. 8 (2021), I.2; GRUAN-TD-8 (2022)",
-            _AIRFLOW,
-            offset=_ventilated,
-            flown_as="ventilated_warmth",
+            lags=_one_lag,
+            **film,
         ),
         Law(
-            "film_unlike_in_descent",
-            ("rotor_wash", "wake", "radiative_heating"),
-            "humidity",
-            (LawParameter("film_over_bead_k", "K", 0.0, 0.7, -14.0, 14.0, (-0.7, 0.7), "film above bead"),),
-            "tau dq/dt = e / es(T + d) - q while the flight descends, T the bead's reading",
-            "Greene and others 2018, doi 10.5194/amt-11-5519-2018; WMO-No. 8 (2021), I.4 (vapour pressure)",
+            "lag_in_the_cold",
+            ("lag_in_the_cold",),
+            channel,
+            (*lag, LawParameter("growth_per_k", "1/K", 0.03, 0.03, -0.02, 0.15, (0.02, 0.06), "growth")),
+            "tau(T) = tau(20 degC) exp(growth (20 degC - T))",
+            "Miloshevich and others 2004; GRUAN-TD-8 (2022)",
+            f"{_STRUCTURE} at temperatures 15 K apart",
+            lags=_lag_in_the_cold,
+            **film,
+        ),
+        Law(
+            "second_path",
+            ("stem_conduction", "housing"),
+            channel,
+            (*lag, *_SLOW_PATH),
+            "y = (1 - f) q(tau) + f q(tau2)",
+            "Segales and others 2022, doi 10.5194/amt-15-2607-2022 (housing); Bell and others 2020 (stem)",
+            "a hover after a climb, or two climb rates",
+            lags=_two_paths,
+            **film,
+            flown_as="parallel_lag",
+        ),
+        Law(
+            "offset_in_descent",
+            ("rotor_wash", "wake", "radiative_heating")
+            if channel == "temperature"
+            else ("rotor_wash", "wake", "hysteresis"),
+            channel,
+            (LawParameter("offset_in_descent", unit, 0.0, size, -20 * size, 20 * size, (-size, size), "offset"),),
+            "tau dq/dt = a + offset - q while the flight descends",
+            "Greene and others 2018, doi 10.5194/amt-11-5519-2018",
             "another speed of descent, a night, and a hover",
-            warmer=lambda p, bins: _descending(p, bins) * p["film_over_bead_k"],
+            offset=lambda p, bins: _descending(p, bins) * p["offset_in_descent"],
+            flown_as="offset_in_descent",
         ),
-        Law(
-            "warm_die",
-            ("self_heating", "radiative_heating"),
-            "humidity",
-            (LawParameter("rise_k_at_5_m_s", "K", 0.0, 0.7, -10.0, 10.0, (0.7, 2.0), "rise at 5 m/s"),),
-            "tau dq/dt = e / es(T + rise sqrt(5 m/s / v)) - q, T the bead's reading",
-            "IST application note on the HYT-271; Miloshevich and others 2009, doi 10.1029/2008JD011565",
-            f"{_AIRFLOW} in air that is not dry",
-            warmer=_ventilated,
-        ),
-        Law(
-            "late_die",
-            ("die_thermal_lag",),
-            "humidity",
-            (
-                LawParameter(
-                    "die_time_constant_s",
-                    "s",
-                    17.0,
-                    0.8,
-                    0.5,
-                    200.0,
-                    (5.0, 17.0, 50.0),
-                    "time constant of the chip",
-                    True,
-                ),
+    )
+
+
+_OF_BEAD = (
+    Law(
+        "ventilated_warmth",
+        ("radiative_heating", "self_heating"),
+        "temperature",
+        (LawParameter("rise_k_at_5_m_s", "K", 0.0, 0.5, -10.0, 10.0, (0.5, -0.3), "rise at 5 m/s"),),
+        "tau dq/dt = a + rise sqrt(5 m/s / v) - q",
+        "WMO-No. 8 (2021), I.2; GRUAN-TD-8 (2022)",
+        _AIRFLOW,
+        offset=_ventilated,
+        flown_as="ventilated_warmth",
+    ),
+)
+_OF_FILM = (
+    Law(
+        "film_unlike_in_descent",
+        ("rotor_wash", "wake", "radiative_heating"),
+        "humidity",
+        (LawParameter("film_over_bead_k", "K", 0.0, 0.7, -14.0, 14.0, (-0.7, 0.7), "film above bead"),),
+        "tau dq/dt = e / es(T + d) - q while the flight descends, T the bead's reading",
+        "Greene and others 2018, doi 10.5194/amt-11-5519-2018; WMO-No. 8 (2021), I.4 (vapour pressure)",
+        "another speed of descent, a night, and a hover",
+        warmer=lambda p, bins: _descending(p, bins) * p["film_over_bead_k"],
+    ),
+    Law(
+        "warm_die",
+        ("self_heating", "radiative_heating"),
+        "humidity",
+        (LawParameter("rise_k_at_5_m_s", "K", 0.0, 0.7, -10.0, 10.0, (0.7, 2.0), "rise at 5 m/s"),),
+        "tau dq/dt = e / es(T + rise sqrt(5 m/s / v)) - q, T the bead's reading",
+        "IST application note on the HYT-271; Miloshevich and others 2009, doi 10.1029/2008JD011565",
+        f"{_AIRFLOW} in air that is not dry",
+        warmer=_ventilated,
+    ),
+    Law(
+        "late_die",
+        ("die_thermal_lag",),
+        "humidity",
+        (
+            LawParameter(
+                "die_time_constant_s",
+                "s",
+                17.0,
+                0.8,
+                0.5,
+                200.0,
+                (5.0, 17.0, 50.0),
+                "time constant of the chip",
+                True,
             ),
-            "tau dq/dt = e / es(T_die) - q, tau2 dT_die/dt = T - T_die, T the bead's reading",
-            "Segales and others 2022; iMet-XQ2 flights, whose chips follow the air by 17 to 19 s",
-            "a lapse or an inversion, passed upwards and downwards",
-            warmer=_late,
-            flown_as=BESIDE_BEAD,
         ),
-    ]
-    return tuple(found)
-
-
-LAWS: Mapping[str, Law] = MappingProxyType({law.name: law for law in _laws()})
+        "tau dq/dt = e / es(T_die) - q, tau2 dT_die/dt = T - T_die, T the bead's reading",
+        "Segales and others 2022; iMet-XQ2 flights, whose chips follow the air by 17 to 19 s",
+        "a lapse or an inversion, passed upwards and downwards",
+        warmer=_late,
+        flown_as=BESIDE_BEAD,
+    ),
+)
+_EVERY = (
+    _CLOCK,
+    *_of_each("temperature", 4.0, "K", 0.7),
+    *_of_each("humidity", 8.0, "%RH", 3.0),
+    *_OF_BEAD,
+    *_OF_FILM,
+)
+LAWS: Mapping[str, Law] = MappingProxyType({law.name: law for law in _EVERY})
