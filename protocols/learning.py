@@ -328,8 +328,9 @@ def disagree(one: ChannelLearned) -> str:
 
 
 def sentence(one: ChannelLearned) -> str:
-    """A channel's verdict in a sentence."""
-    said = ", or ".join(_said(cause) for cause in one.causes)
+    """A channel's verdict in a sentence: what the likeliest model has at once, and what may be in place of it."""
+    both, instead = one.together(one.causes)
+    said = ", or ".join([part for part in (" and ".join(map(_said, both)), *map(_said, instead)) if part])
     if one.verdict == "adequate":
         return f"{one.channel}: adequate: no lag above {one.limit_s:.2g} s, and nothing else shows"
     if one.verdict == "not identifiable":

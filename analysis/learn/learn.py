@@ -127,6 +127,11 @@ class ChannelLearned:
     single: Disagreement
     model: Disagreement
 
+    def together(self, causes: Sequence[FlightCause]) -> tuple[list[FlightCause], list[FlightCause]]:
+        """Those of the causes that the likeliest model has at once, and those that it does not have."""
+        both = [cause for cause in causes if cause.law in self.fit.laws]
+        return both, [cause for cause in causes if cause not in both]
+
     @property
     def gain(self) -> NearerPasses | None:
         """What the likeliest model will bring on a flight to come."""
@@ -190,13 +195,7 @@ def learn(
     joint = _with_clock(channels, raced, few, stated)
     if len(racing) < len(names):
         progress("finalists on all flights")
-        every = [unit for c in channels for unit in units[c]]
-        joint = _likeliest(joint, sum(max(float(one.predicted().sum()) for one in raced[c]) for c in channels))
-        for c in channels:
-            finals = [*raced[c][:2], *_likeliest(raced[c][2:])]  # nothing and one lag are always told
-            raced[c] = _on_all(finals, few[c], units[c], stated)
-        raced_on = [unit for c in channels for unit in few[c]]
-        joint = [fitted(one.laws, every, one.theta, known_air(one, raced_on, every), stated) for one in joint]
+        raced, joint = _finalists(raced, joint, few, units, stated)
     lags = {c: next(one for one in raced[c] if [law.key for law in one.laws] == ["lag"]) for c in channels}
     progress("what the structure of the passes refutes")
     refuted: dict[str, tuple[str, ...]] = {}
@@ -278,6 +277,21 @@ def _raced(
         tried.append(explored(laws, units, starts, stated, begins[laws]))
     others = [climbed(ends, units, stated, begins[ends[0].laws]) for ends in hopeful(tried, first, units)]
     return [nothing, first, *others]
+
+
+def _finalists(
+    raced: Mapping[str, list[Learned]],
+    joint: list[Learned],
+    few: Mapping[str, list[FlightChannelData]],
+    units: Mapping[str, list[FlightChannelData]],
+    stated: Mapping[str, tuple[float, float]] | None,
+) -> tuple[dict[str, list[Learned]], list[Learned]]:
+    """Models of each channel, and of all at once, that go on from the flights of the race to all: fitted to those."""
+    joint = _likeliest(joint, sum(max(float(one.predicted().sum()) for one in raced[c]) for c in raced))
+    finals = {c: [*raced[c][:2], *_likeliest(raced[c][2:])] for c in raced}  # nothing and one lag are always told
+    found = {c: _on_all(finals[c], few[c], units[c], stated) for c in raced}
+    every, raced_on = ([unit for c in raced for unit in some[c]] for some in (units, few))
+    return found, [fitted(one.laws, every, one.theta, known_air(one, raced_on, every), stated) for one in joint]
 
 
 def _on_all(

@@ -128,10 +128,10 @@ def _channel_sentence(channel: str, one: ChannelLearned) -> str:
     lags = [cause for cause in unsure if cause.law.lags is not None]
     unsettled = []
     if len(lags) > 1 and sum(cause.probability for cause in lags) >= NAMED:
-        unsettled.append(f"lags by {_likely(lags)}")
+        unsettled.append(f"lags by {_likely(lags, one)}")
         unsure = [cause for cause in unsure if cause not in lags]
     if unsure:
-        unsettled.append(f"may {'also ' if has or unsettled else ''}have {_likely(unsure)}")
+        unsettled.append(f"may {'also ' if has or unsettled else ''}have {_likely(unsure, one)}")
     if unsettled:
         return f"{who} {', and '.join([*has, *unsettled])}; these flights do not settle it."
     said = f"{who} {has[0]}"
@@ -140,8 +140,16 @@ def _channel_sentence(channel: str, one: ChannelLearned) -> str:
     return f"{said}."
 
 
-def _likely(causes: Sequence[FlightCause]) -> str:
-    return listed([f"{_law(cause.law)} (probability {_probability(cause.probability)})" for cause in causes], "or")
+def _likely(causes: Sequence[FlightCause], one: ChannelLearned) -> str:
+    """Those of the likeliest model act together; each of the others may be in place of them."""
+    both, others = one.together(causes)
+    said = [
+        [f"{_law(cause.law)} (probability {_probability(cause.probability)})" for cause in some]
+        for some in (both, others)
+    ]
+    if len(both) > 1 and others:
+        return f"{listed(said[0])}, or {listed(said[1], 'or')}"
+    return listed(said[0]) if len(both) > 1 else listed([*said[0], *said[1]], "or")
 
 
 def _law(law: Law) -> str:

@@ -194,7 +194,9 @@ def test_a_number_without_a_unit_keeps_its_last_digit():
     """0.1 of no unit is not said as 0."""
     law = LAWS["humidity.lag"]
     numbers = (LearnedNumber(law.parameters[0], 9.0, 1.0), LearnedNumber(law.parameters[2], 0.31, 0.1))
-    one = SimpleNamespace(channel="humidity", verdict="named", causes=(FlightCause(law, 0.97, numbers),))
+    one = SimpleNamespace(
+        channel="humidity", verdict="named", causes=(FlightCause(law, 0.97, numbers),), together=lambda some: (some, [])
+    )
     assert sentence(one).endswith("(9 ± 1 s, uptake by activity, not vapour 0.31 ± 0.1; probability 0.97)")
 
 
@@ -414,14 +416,18 @@ def test_slopes_of_two_sensors_are_those_of_their_density(twins, channel, first,
     assert_slopes_are_those_of_the_density(unit, laws, values, own, parameters)
 
 
-def two_columns(twins, folder):
-    """Logs of two flights, each with the columns of both thermometers."""
+def two_columns(twins, folder, quantity="temperature"):
+    """Logs of two flights, each with the columns of both thermometers, or of both films beside one."""
     paths = []
     for i, (one, other) in enumerate(twins):
         path = WORLDS.write(one.flight, folder / f"{i}.csv")
         log = pd.read_csv(path)
-        log["t_second"] = other.flight.temperature_c
-        log.drop(columns="humidity_percent").to_csv(path, index=False)
+        if quantity == "temperature":
+            log["t_second"] = other.flight.temperature_c
+            log = log.drop(columns="humidity_percent")
+        else:
+            log["rh_second"] = other.flight.humidity_percent
+        log.to_csv(path, index=False)
         paths.append(str(path))
     return paths
 
@@ -448,6 +454,29 @@ def test_two_sensors_in_one_log_are_told_better_than_one(twins, tmp_path, capsys
         bead = read_profile(out / f"profile{which}.json").temperature
         assert bead.bead_radius_m**2 / bead.thermal_diffusivity_m2_s.value == pytest.approx(tau["value"])
         assert (out / f"learned{which}.html").exists()
+
+
+@pytest.mark.trial
+def test_two_films_beside_one_thermometer_are_told_apart(twins, tmp_path, capsys):
+    """Two films' columns and one thermometer's: each lag within two of its uncertainties, that of the slower film known
+    better than alone, 2.5 times the other's; a profile for each, of which `correct` takes the second's to its film."""
+    paths, out = two_columns(twins, tmp_path, "humidity"), tmp_path / "out"
+    assert main(["learn", *paths, "--beside", "humidity=rh_second", "--out", str(out)]) == 0
+    assert "times the first's" in capsys.readouterr().out
+    for which, lag in (("", 10.0), ("_2", 25.0)):
+        document = json.loads((out / f"learned{which}.json").read_text(encoding="utf-8"))
+        assert set(document["beside"]) == {"humidity"}
+        (cause,) = [one for one in document["channels"]["humidity"]["causes"] if one["law"] == "lag"]
+        tau, ratio = cause["parameters"]["time_constant_s"], document["beside"]["humidity"]["lag_ratio"]
+        assert tau["value"] == pytest.approx(lag, abs=2.0 * tau["standard_uncertainty"])
+        assert ratio["value"] == pytest.approx(2.5, abs=2.0 * ratio["standard_uncertainty"])
+        film = read_profile(out / f"profile{which}.json").humidity
+        assert (out / f"learned{which}.html").exists() and film.diffusivity_table
+    log = pd.read_csv(paths[0])
+    second = tmp_path / "second.csv"
+    log.drop(columns="humidity_percent").rename(columns={"rh_second": "humidity_percent"}).to_csv(second, index=False)
+    profile, corrected = str(out / "profile_2.json"), str(tmp_path / "c.csv")
+    assert main(["correct", str(second), "--profile", profile, "--out", corrected]) == 0
 
 
 def test_a_second_thermometers_log_has_no_film_of_its_own(twins):
