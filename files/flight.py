@@ -286,22 +286,26 @@ def read_layout(path: Path, chosen: Mapping[str, str] | None = None) -> FlightCo
         for quantity in ("date", "time")
         if f"xqimetxq{quantity}" in squeezed
     }
-    date = next((squeezed.index(n) for n in ("date", "dateutc", "utcdate") if n in squeezed), None)
-    if place["time"] == own.get("time"):
-        date = own.get("date", date)
-    elif "time" in own and "time" not in chosen:
-        with open_text(path, REMEDY, errors="replace") as stream:
-            place["time"], of_own = clock_of(
-                islice(without_nul(stream), 1, None), place["time"], own["time"], own.get("date")
-            )
-        date = date if of_own is None else of_own
-    date = date if "time" in squeezed[place["time"]] else None
+    place["time"], date = _clock(path, squeezed, place["time"], own, "time" in chosen)
     intermet = INTERMET in header or any("-iMet-" in name for name in header)
     said = ""
     if intermet:
         whose = "the sensor's own" if place["time"] == own.get("time") else "the application's"
         said = f"read as a log of InterMet's application: the clock is {whose}, {header[place['time']]!r}"
     return FlightColumns(tuple(header), place, str(path), date, zero_is_missing=intermet, said=said)
+
+
+def _clock(path: Path, names: list[str], time: int, own: Mapping[str, int], chosen: bool) -> tuple[int, int | None]:
+    """Columns of the time and its date: of a log of InterMet's application, the clock (its own or the sensor's) that
+    goes with the readings, unless the time was chosen."""
+    date = next((names.index(n) for n in ("date", "dateutc", "utcdate") if n in names), None)
+    if time == own.get("time"):
+        date = own.get("date", date)
+    elif "time" in own and not chosen:
+        with open_text(path, REMEDY, errors="replace") as stream:
+            time, of_own = clock_of(islice(without_nul(stream), 1, None), time, own["time"], own.get("date"))
+        date = date if of_own is None else of_own
+    return time, date if "time" in names[time] else None
 
 
 def _header(path: Path) -> list[str]:

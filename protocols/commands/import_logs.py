@@ -6,6 +6,10 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from shockrig.rig.logs.one_run import SensorSeries
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -88,36 +92,13 @@ def main(args: argparse.Namespace) -> int:
         return _import_logs(args)
     from shockrig.analysis.checks import check_campaign
     from shockrig.files.campaign import read_campaign
-    from shockrig.rig.logs.one_run import LogOptions, RunFacts, import_run, read_sensor
-    from shockrig.rig.logs.text import Layout
+    from shockrig.rig.logs.one_run import RunFacts, import_run
 
     if args.imet is None and args.hyt is None:
         raise BenchError("no file: give LOG and --look, or for one run --imet FILE, --hyt FILE or both")
     if args.out is None:
         raise BenchError("--out: is missing; name the campaign's folder")
-    decimal = {"point": ".", "comma": ","}.get(args.decimal)
-    layout = Layout(args.delimiter, decimal, args.skip_lines + 1 if args.skip_lines else None)
-
-    def options(**columns: str | None) -> LogOptions:
-        return LogOptions(
-            columns={key: value for key, value in columns.items() if value is not None},
-            layout=layout,
-            time_unit=None if args.time_unit == "auto" else args.time_unit,
-            time_format=args.time_format,
-            temperature_unit=args.temperature_unit,
-            humidity_unit=args.humidity_unit,
-        )
-
-    series = {}
-    if args.imet is not None:
-        imet = options(time=args.imet_time or args.hyt_time, temperature=args.imet_temperature)
-        series["imet"] = read_sensor(args.imet, "imet", imet)
-    if args.hyt is not None:
-        hyt = options(
-            time=args.hyt_time or args.imet_time, humidity=args.hyt_humidity, die_temperature=args.hyt_temperature
-        )
-        # In a common file the temperature is the thermometer's, so the die's must be named.
-        series["hyt"] = read_sensor(args.hyt, "hyt", hyt, die=args.hyt != args.imet)
+    series = _series(args)
     facts = RunFacts(
         source_temperature_c=args.source_temperature,
         source_humidity_percent=args.source_humidity,
@@ -145,6 +126,37 @@ def main(args: argparse.Namespace) -> int:
         print("no --start: the time of the transfer will be estimated from the data", file=sys.stderr)
     print(args.out / "runs" / id_)
     return 0
+
+
+def _series(args: argparse.Namespace) -> dict[str, SensorSeries]:
+    """The readings of one run, of each sensor that has a file."""
+    from shockrig.rig.logs.one_run import LogOptions, read_sensor
+    from shockrig.rig.logs.text import Layout
+
+    decimal = {"point": ".", "comma": ","}.get(args.decimal)
+    layout = Layout(args.delimiter, decimal, args.skip_lines + 1 if args.skip_lines else None)
+
+    def options(**columns: str | None) -> LogOptions:
+        return LogOptions(
+            columns={key: value for key, value in columns.items() if value is not None},
+            layout=layout,
+            time_unit=None if args.time_unit == "auto" else args.time_unit,
+            time_format=args.time_format,
+            temperature_unit=args.temperature_unit,
+            humidity_unit=args.humidity_unit,
+        )
+
+    series = {}
+    if args.imet is not None:
+        imet = options(time=args.imet_time or args.hyt_time, temperature=args.imet_temperature)
+        series["imet"] = read_sensor(args.imet, "imet", imet)
+    if args.hyt is not None:
+        hyt = options(
+            time=args.hyt_time or args.imet_time, humidity=args.hyt_humidity, die_temperature=args.hyt_temperature
+        )
+        # In a common file the temperature is the thermometer's, so the die's must be named.
+        series["hyt"] = read_sensor(args.hyt, "hyt", hyt, die=args.hyt != args.imet)
+    return series
 
 
 def _import_logs(args: argparse.Namespace) -> int:

@@ -5,7 +5,7 @@ Nothing is done silently: every change is counted in a remark.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -94,22 +94,7 @@ def in_order(time_s: Array, values: Mapping[str, Array], lines: Sequence[int] | 
         differing += n_differing
         parts.append(part)
         spread.append(moments)
-    if late:
-        remarks.append(f"{late} rows were out of order and are sorted by their stamps")
-    if same:
-        remarks.append(f"{same} rows repeat a stamp and its readings and are left out")
-    if differing:
-        remarks.append(f"{differing} rows bear the stamp of the row before with other readings and are left out")
-    if spread_rows:
-        remarks.append(
-            f"{spread_rows} rows share coarse stamps and are spread evenly between them: times are good to half a stamp"
-        )
-    if even:
-        longest = max(even, key=lambda one: one.rows)
-        remarks.append(
-            f"{sum(one.rows for one in even)} rows bear stamps in steps of {longest.unit_s:.4g} s and come every "
-            f'{longest.period_s:.4g} s: times are taken evenly (repeated_stamps = "first" keeps the stamps)'
-        )
+    remarks += _said_of_stamps(late, same, differing, spread_rows, even)
     pieces, holes = _pieces(spread)
     if len(sessions) > 1:
         times = "once" if len(sessions) == 2 else f"{len(sessions) - 1} times"
@@ -126,6 +111,26 @@ def in_order(time_s: Array, values: Mapping[str, Array], lines: Sequence[int] | 
         tuple(pieces),
         tuple(remarks),
     )
+
+
+def _said_of_stamps(late: int, same: int, differing: int, spread_rows: int, even: Sequence[Even]) -> Iterator[str]:
+    """What was done to rows whose stamps were out of order, there already, or coarser than the rows."""
+    if late:
+        yield f"{late} rows were out of order and are sorted by their stamps"
+    if same:
+        yield f"{same} rows repeat a stamp and its readings and are left out"
+    if differing:
+        yield f"{differing} rows bear the stamp of the row before with other readings and are left out"
+    if spread_rows:
+        yield (
+            f"{spread_rows} rows share coarse stamps and are spread evenly between them: times are good to half a stamp"
+        )
+    if even:
+        longest = max(even, key=lambda one: one.rows)
+        yield (
+            f"{sum(one.rows for one in even)} rows bear stamps in steps of {longest.unit_s:.4g} s and come every "
+            f'{longest.period_s:.4g} s: times are taken evenly (repeated_stamps = "first" keeps the stamps)'
+        )
 
 
 @np.errstate(over="ignore")  # a stamp may be the largest number there is: its step is then infinite, and absurd

@@ -17,7 +17,7 @@ from typing import Any
 
 from shockrig.files.campaign_names import sensor_and_probe
 from shockrig.rig.errors import BenchError, RigError, as_bench_errors
-from shockrig.rig.journal import JournalWriter, read_journal
+from shockrig.rig.journal import Journal, JournalWriter, read_journal
 from shockrig.rig.seams import Air, Move, Outcome, Reading
 
 FORMAT = "shock-journal/1"
@@ -190,14 +190,6 @@ def read_run(folder: Path) -> RunRecord:
         raise BenchError(f"{path}: not a {FORMAT} journal: {error}") from None
     if header is None:
         raise BenchError(f"{path}: not even the first record is whole; nothing can be recovered")
-    damage = ", ".join(
-        text
-        for count, text in (
-            (journal.damaged_lines, f"{journal.damaged_lines} damaged lines"),
-            (journal.torn_bytes, f"a torn last record of {journal.torn_bytes} bytes"),
-        )
-        if count
-    )
     by_sensor = {sensor: tuple(values) for sensor, values in readings.items()}
     return RunRecord(
         header=header,
@@ -209,10 +201,19 @@ def read_run(folder: Path) -> RunRecord:
         readings=by_sensor,
         status=status,
         reason=reason,
-        damage=damage,
+        damage=_damage(journal),
         notes=tuple(notes),
         counts={sensor: count_outcomes(values) for sensor, values in by_sensor.items()},
     )
+
+
+def _damage(journal: Journal) -> str:
+    """What is not whole in a journal, in words; empty where all is."""
+    counted = (
+        (journal.damaged_lines, f"{journal.damaged_lines} damaged lines"),
+        (journal.torn_bytes, f"a torn last record of {journal.torn_bytes} bytes"),
+    )
+    return ", ".join(text for count, text in counted if count)
 
 
 def _demand_numbers(*values: Any, or_none: bool = False) -> None:

@@ -75,28 +75,27 @@ def simulate_campaign(
             folder = partial / "runs" / run.id
             folder.mkdir()
             document = _run_json(truth, run, i, airs[i], exposure, start_s[i], write_duration, rng)
-            phases, bead_rng, film_rng, die_rng, lost = own[i].spawn(5)
-            bead, film = _sampling(run, phases), _sampling(run, phases)
             one = _Run(truth, exposure, history, i, start_s[i])
-            imet = Logger(truth, T, bead_rng).log(bead, one.temperature(bead))
-            hyt = Logger(truth, RH, film_rng).log(film, one.humidity(film))
-            die = np.round((one.die(film) + truth.die_noise_k * die_rng.standard_normal(film.size)) / 0.01) * 0.01
-            bead_columns = {"time_s": bead, "temperature_c": imet}
-            film_columns = {
-                "time_s": film,
-                "humidity_percent": hyt,
-                "temperature_c": die,
-                "stale": np.zeros(film.size),
-            }
-            tables = {
-                "imet": table_text(_survivors(truth, lost, bead_columns)),
-                "hyt": table_text(_survivors(truth, lost, film_columns), {"temperature_c": "%.3f", "stale": "%d"}),
-            }
-            write_run(folder, document, tables)
+            write_run(folder, document, _logged(truth, run, one, own[i]))
         os.rename(partial, out)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
     return out
+
+
+def _logged(truth: Truth, run: Shock, felt: _Run, rng: np.random.Generator) -> dict[str, str]:
+    """The tables that both sensors' loggers write of a run, {sensor: text}."""
+    phases, bead_rng, film_rng, die_rng, lost = rng.spawn(5)
+    bead, film = _sampling(run, phases), _sampling(run, phases)
+    imet = Logger(truth, T, bead_rng).log(bead, felt.temperature(bead))
+    hyt = Logger(truth, RH, film_rng).log(film, felt.humidity(film))
+    die = np.round((felt.die(film) + truth.die_noise_k * die_rng.standard_normal(film.size)) / 0.01) * 0.01
+    bead_columns = {"time_s": bead, "temperature_c": imet}
+    film_columns = {"time_s": film, "humidity_percent": hyt, "temperature_c": die, "stale": np.zeros(film.size)}
+    return {
+        "imet": table_text(_survivors(truth, lost, bead_columns)),
+        "hyt": table_text(_survivors(truth, lost, film_columns), {"temperature_c": "%.3f", "stale": "%d"}),
+    }
 
 
 def _true_airs(truth: Truth, plan: Sequence[Shock], rng: np.random.Generator) -> np.ndarray:
