@@ -35,6 +35,7 @@ from shockrig.analysis.flight.smooth_channel import MOST_PARTS, PER_LAG, resolve
 from shockrig.analysis.flight.stretches import largest_share
 from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, Stream
 from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA
+from shockrig.analysis.physics.modes import Modes, slowest
 from shockrig.files.errors import InputError
 from shockrig.files.profile import HumidityProfile, Profile, TemperatureProfile
 from shockrig.files.ranges import LIKELY, RANGES
@@ -339,13 +340,11 @@ def _parallel(response: LagResponse, most: int) -> tuple[Array, Array, Array, Ar
 
 
 def _merged(weight: Array, rate: Array, slow: int, most: int) -> tuple[Array, Array]:
-    """The body's slowest lags; the last of them carries the weight of the faster."""
+    """The body's slowest lags, of which the last stands for the faster, and the slow shares."""
     own = weight.shape[1] - slow
-    if own <= most:
-        return weight, rate
-    carried = weight[:, :most].copy()
-    carried[:, -1] += weight[:, most:own].sum(axis=1)
-    return np.concatenate([carried, weight[:, own:]], axis=1), np.concatenate([rate[:, :most], rate[:, own:]], axis=1)
+    body = slowest(Modes(-weight[:, :own], rate[:, :own]), most)
+    parts = (-body.amplitude, weight[:, own:]), (body.rate, rate[:, own:])
+    return np.concatenate(parts[0], axis=1), np.concatenate(parts[1], axis=1)
 
 
 def _collapsed(temperature: Array, speed: Array, pressure: Array, values: Array) -> DesignTable:

@@ -134,13 +134,20 @@ def _joined(*parts: tuple[Array, Array]) -> Modes:
 
 
 def slowest(modes: Modes, count: int) -> Modes:
-    """The slowest modes alone; what the others carry follows with the last of them, so that steps start at zero."""
+    """The slowest modes; the last of them stands for all the faster ones.
+
+    It carries what they carry, so that steps start at zero, with their mean lag, so that straight lines are as late as
+    they were. At its own rate it would answer too early or, where signs alternate, the wrong way at first.
+    """
     if modes.rate.shape[-1] <= count:
         return modes
-    lead = np.broadcast_shapes(modes.amplitude.shape[:-1], modes.rate.shape[:-1])
-    amplitude = np.array(np.broadcast_to(modes.amplitude, (*lead, modes.amplitude.shape[-1]))[..., :count])
-    amplitude[..., -1] += np.broadcast_to(modes.amplitude, (*lead, modes.amplitude.shape[-1]))[..., count:].sum(axis=-1)
-    return Modes(amplitude, modes.rate[..., :count])
+    amplitude, rate = np.broadcast_arrays(modes.amplitude, modes.rate)
+    last = amplitude[..., count - 1 :].sum(axis=-1)
+    lag = (amplitude[..., count - 1 :] / rate[..., count - 1 :]).sum(axis=-1)
+    slow_amplitude, slow_rate = amplitude[..., :count].copy(), rate[..., :count].copy()
+    slow_amplitude[..., -1] = last
+    slow_rate[..., -1] = np.where(last * lag > 0.0, last / np.where(lag == 0.0, 1.0, lag), slow_rate[..., -1])
+    return Modes(slow_amplitude, slow_rate)
 
 
 AVERAGED_TERMS = 8  # last partial sums of an alternating series that are averaged
