@@ -23,10 +23,11 @@ from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.simulated.weather import Weather
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.onboard import c_source, flown
-from shockrig.analysis.report.hil_page import AFTER, AS_READ, IN_C, ON_BOARD, HilResult, LossStage
+from shockrig.analysis.report.hil_page import AFTER, AS_READ, IN_C, ON_BOARD, SETTLED_S, HilResult, LossStage
 from shockrig.files.errors import InputError
-from shockrig.files.flight import Flight
+from shockrig.files.flight import Corrected, Flight
 from shockrig.files.flight_rows import whole_flight
+from shockrig.files.numbers import counted
 from shockrig.files.profile import Profile
 from shockrig.protocols.flight_world import FlightWorld
 from shockrig.protocols.fly import LOG, FlySettings, OnboardFlight
@@ -52,7 +53,6 @@ ROUNDED = {
     NAMED: "in numbers of 32 bits",
     HYGROMETER: "in numbers of 16 bits (DroneCAN)",
 }
-SETTLED_S = 15.0  # after the start, before which a filter knows little
 COVER = 1.96
 KINDS = (*LINK_KINDS, *I2C_KINDS, *(kind for kind in SERIAL_KINDS if kind not in (*I2C_KINDS, "alarm", "stall")))
 
@@ -176,7 +176,7 @@ def judge(folder: Path, world: FlightWorld, profile: Profile) -> HilResult:
     totals = [
         stage(AS_READ, "", read, air),
         stage(ON_BOARD, "corrected with what came before", onboard, air, sigma),
-        stage(AFTER, "corrected with the whole flight", after, air, after_sigma),
+        stage(AFTER, "corrected with the whole flight" + _left(smooth), after, air, after_sigma),
     ]
     in_c = _in_c(profile, rows)
     if in_c is not None:
@@ -184,6 +184,13 @@ def judge(folder: Path, world: FlightWorld, profile: Profile) -> HilResult:
     findings = tuple(link_findings(sent, list(heard.values())))
     sensors = tuple(_sensor_words(folder))
     return HilResult(folder, tuple(stages), tuple(totals), findings, sensors, time_s, air, read, onboard, after)
+
+
+def _left(corrected: Corrected) -> str:
+    """What of a flight was left as it was read."""
+    counts = {name: int(corrected.flags[f"{name}_not_corrected"].sum()) for name in ("temperature", "humidity")}
+    left = [f"{name} of {counted(count, 'row')} as it was read" for name, count in counts.items() if count]
+    return f"; {' and '.join(left)}" if left else ""
 
 
 def _course(weather: Weather, at_s: Array) -> Courses:
@@ -264,6 +271,7 @@ def _heard(frame: Any) -> dict[str, HeardMessages]:
             modulus,
             step,
             half=kind == HYGROMETER,
+            whole=kind == HYGROMETER_SENSOR,
         )
     return found
 

@@ -48,7 +48,7 @@ class HeardMessages:
     """Messages of one kind: when heard, their number modulo `modulus`, their stamp (NaN where the kind has none) [s].
 
     `counted` are the numbers of everything that shares them, with when it was heard; `step` is what a value is rounded
-    to, `half` whether it has 16 bits.
+    to, `half` whether it has 16 bits, `whole` whether it has no word for a missing value, so that none is sent then.
     """
 
     name: str
@@ -61,6 +61,7 @@ class HeardMessages:
     modulus: int
     step: float
     half: bool = False
+    whole: bool = False
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,8 @@ def _window(
     sent: SentRows, messages: HeardMessages, places: NDArray[np.int64], start_s: float, end_s: float
 ) -> list[LinkFinding]:
     inside = (messages.heard_s >= start_s) & (messages.heard_s < end_s)
-    rows = int(np.count_nonzero((sent.sent_s >= start_s) & (sent.sent_s < end_s)))
+    said = np.isfinite(sent.temperature_c) & np.isfinite(sent.humidity_percent) | (not messages.whole)
+    rows = int(np.count_nonzero((sent.sent_s >= start_s) & (sent.sent_s < end_s) & said))
 
     def finding(fault: str, words: str) -> LinkFinding:
         return LinkFinding(messages.name, fault, start_s, end_s, words)

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Courses = tuple[Array, Array]
+SETTLED_S = 15.0  # after the start, before which a filter knows little
 AS_READ, ON_BOARD, IN_C, AFTER = "as read", "on board", "generated C", "after landing"
 
 
@@ -96,10 +97,13 @@ def hil_report(result: HilResult, flight: str, provenance: Mapping[str, Cell]) -
 
 
 STAGES = (
-    "Root of the mean square of what a stage changes, over the rows of the flight. The sensor's own part is what a "
-    "correction is there for; the others are what the chain adds."
+    f"Root of the mean square of what a stage changes, over the rows after the first {SETTLED_S:.0f} s, in which "
+    "filters know little. The sensor's own part is what a correction is there for; the others are what the chain adds."
 )
-TOTALS = "Against the air that was played. Covered: the share of rows whose interval of 95 % holds the air."
+TOTALS = (
+    "Against the air that was played, over the same rows. Covered: the share of rows whose interval of 95 % holds the "
+    "air."
+)
 
 
 def _table(stages: tuple[LossStage, ...]) -> Table:

@@ -1,5 +1,7 @@
 """A flight that comes round: what each stage lost, and faults of a link named from the logs alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -72,3 +74,10 @@ def test_a_link_that_says_nothing_at_all_is_named():
     heard = HeardMessages("mute", nothing, nothing, nothing, nothing, nothing, nothing.astype(int), 256, 0.01)
     (only,) = link_findings(sent, [heard])
     assert only.fault == "silent" and (round(only.from_s), round(only.to_s)) == (0, 30)
+
+
+def test_rows_without_a_value_are_not_missed_in_messages_that_cannot_say_so():
+    time_s, nothing = np.arange(0.0, 30.0, 0.1), np.zeros(0)
+    sent = SentRows(time_s, time_s + 0.01, 20.0 + 0.01 * time_s, np.full(time_s.size, np.nan))
+    heard = HeardMessages("mute", nothing, nothing, nothing, nothing, nothing, nothing.astype(int), 256, 0.01)
+    assert link_findings(sent, [heard]) and not link_findings(sent, [replace(heard, whole=True)])
