@@ -8,6 +8,7 @@ said: equal to it rounded to the message's type, in its unit, under its stamp.
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import sys
 import threading
@@ -115,6 +116,8 @@ def main() -> None:
         print(
             f"{name}: {sent} messages, {wrong} not equal to what was said, by {reader}, in {took_s:.0f} s", flush=True
         )
+    for child in multiprocessing.active_children():
+        child.terminate()  # python-dronecan's process does not end by itself
     for one in threading.enumerate():
         if one is not threading.main_thread():
             one.join(timeout=1.0)
@@ -123,4 +126,4 @@ def main() -> None:
 if __name__ == "__main__":
     main()
     sys.stdout.flush()
-    os._exit(0)  # python-dronecan's process does not end by itself
+    os._exit(0)  # nor do its threads
