@@ -1,7 +1,7 @@
 """Missions whose air, sensors and clock are known: what `shockrig learn` says of them, counted.
 
     python benchmarks/learn_worlds.py --missions 12 [--first-seed 1] [--out results/learn_worlds.txt]
-    python benchmarks/learn_worlds.py --beside 8 [--first-seed 1]
+    python benchmarks/learn_worlds.py --beside 8 [--first-seed 1] [--out FILE]
     python benchmarks/learn_worlds.py --speed 100
 
 Each mission is two to eight ascents with their descents through air of its own equations: inversions (tanh),
@@ -28,6 +28,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -297,10 +298,10 @@ PAIRS = {  # first and second sensor
 }
 
 
-def beside(count: int, first_seed: int) -> list[str]:
-    """What is said of sensors side by side, alone and together."""
+def beside(seeds: range) -> Iterator[list[str]]:
+    """What is said of sensors side by side, alone and together: the table after each mission."""
     counts = {way: Beside() for way in ("alone", "together")}
-    for i, seed in enumerate(range(first_seed, first_seed + count)):
+    for i, seed in enumerate(seeds):
         kind = list(PAIRS)[i % len(PAIRS)]
         flights = side_by_side(seed, *PAIRS[kind], flights=2)
         first, second = ({str(k): pair[which].flight for k, pair in enumerate(flights)} for which in (0, 1))
@@ -309,9 +310,7 @@ def beside(count: int, first_seed: int) -> list[str]:
             for truth, one in zip(PAIRS[kind], sensors, strict=True):
                 counts[way].add(truth, one)
         print(f"learn_worlds: seed {seed}, {kind}, side by side", file=sys.stderr, flush=True)
-    return [f"{count} missions of two flights, seeds {first_seed} to {first_seed + count - 1}"] + [
-        f"    {way:<9} {one.line()}" for way, one in counts.items()
-    ]
+        yield [f"    {way:<9} {one.line()}" for way, one in counts.items()]
 
 
 @dataclass
@@ -336,12 +335,26 @@ class Beside:
 
     def line(self) -> str:
         """Of the table."""
-        off, sigma = np.array(self.off).T
+        off, sigma = np.array(self.off).reshape(-1, 2).T
         return (
             f"u(tau) covers {int(np.sum(np.abs(off) < 1.96 * sigma))} of {off.size} stated lags, median u "
             f"{100 * np.median(sigma):.0f} %, median error {100 * np.median(np.abs(off)):.0f} %; named {self.named} of "
             f"{self.channels} channels, a wrong cause in {self.wrong}"
         )
+
+
+def alone(seeds: range) -> Iterator[list[str]]:
+    """What is said of one sensor of each kind: the table after each mission."""
+    counts = {kind: Count() for kind in KINDS}
+    for i, seed in enumerate(seeds):
+        kind = list(KINDS)[i % len(KINDS)]
+        *used, unseen = flown(seed, KINDS[kind], more=1)
+        began = time.process_time()
+        found = learn({str(k): one.flight for k, one in enumerate(used)})
+        counts[kind].seconds += time.process_time() - began
+        counts[kind].add(KINDS[kind], len(used), found, unseen)
+        print(f"learn_worlds: seed {seed}, {kind}", file=sys.stderr, flush=True)
+        yield [line for name, count in counts.items() if count.missions for line in count.lines(name)]
 
 
 def speed(seed: int, flights: int) -> str:
@@ -375,25 +388,16 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--speed", type=int, metavar="FLIGHTS", help="of 10,000 rows: how long they take")
     parser.add_argument("--out", type=Path, help="is written anew after each mission")
     args = parser.parse_args(argv)
-    if args.beside:
-        print("\n".join(beside(args.beside, args.first_seed)))
-        return 0
     if args.speed:
         print(speed(args.first_seed, args.speed))
         return 0
     commit = subprocess.run(["git", "describe", "--always", "--dirty"], capture_output=True, text=True, check=False)
-    counts = {kind: Count() for kind in KINDS}
-    for i, seed in enumerate(range(args.first_seed, args.first_seed + args.missions)):
-        kind = list(KINDS)[i % len(KINDS)]
-        *used, unseen = flown(seed, KINDS[kind], more=1)
-        began = time.process_time()
-        found = learn({str(k): one.flight for k, one in enumerate(used)})
-        counts[kind].seconds += time.process_time() - began
-        counts[kind].add(KINDS[kind], len(used), found, unseen)
-        print(f"learn_worlds: seed {seed}, {kind}", file=sys.stderr, flush=True)
-        lines = [f"commit {commit.stdout.strip()}, {i + 1} missions, seeds {args.first_seed} to {seed}"]
-        lines += [line for name, count in counts.items() if count.missions for line in count.lines(name)]
-        text = "\n".join(lines) + "\n"
+    seeds = range(args.first_seed, args.first_seed + (args.beside or args.missions))
+    what = "missions of two flights of two sensors" if args.beside else "missions"
+    text = ""
+    for done, lines in enumerate((beside if args.beside else alone)(seeds), 1):
+        head = f"commit {commit.stdout.strip()}, {done} {what}, seeds {seeds[0]} to {seeds[done - 1]}"
+        text = "\n".join([head, *lines]) + "\n"
         if args.out is not None:
             args.out.write_text(text, encoding="utf-8")
     print(text, end="")
