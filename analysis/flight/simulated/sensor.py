@@ -423,8 +423,8 @@ def _log(weather: Weather, profile: Profile, fine: dict[str, Array], seed: int, 
     rng = np.random.default_rng(seed)
     rows = slice(0, None, round(SAMPLING_PERIOD_S / (weather.time_s[1] - weather.time_s[0])))
     time = weather.time_s[rows]
-    names = ("temperature_c", "humidity_percent")
-    truth = pd.DataFrame({"time_s": time} | {name: getattr(weather, name)[rows] for name in names})
+    names, around = ("temperature_c", "humidity_percent"), ("airspeed_m_s", "pressure_hpa", "altitude_m")
+    truth = pd.DataFrame({"time_s": time} | {name: getattr(weather, name)[rows] for name in (*names, *around)})
     log = pd.DataFrame({"time_s": time})
     channels: list[tuple[str, TemperatureProfile | HumidityProfile, float, float]] = []
     if (t := profile.temperature) is not None:
@@ -441,7 +441,7 @@ def _log(weather: Weather, profile: Profile, fine: dict[str, Array], seed: int, 
         log["humidity_sensor_temperature_c"] = np.round(
             _averaged(_late(time, weather, die, _effects(h)), _effects(h)), 3
         )
-    for name in ("airspeed_m_s", "pressure_hpa", "altitude_m"):
+    for name in around:
         log[name] = np.round(getattr(weather, name)[rows], 3)
     # no pitot tube reads the same throughout
     pitot = noise * AIRSPEED_NOISE_M_S * np.random.default_rng([seed, 1]).standard_normal(time.size)
