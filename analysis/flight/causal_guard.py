@@ -24,7 +24,7 @@ MOST_DIFFERENCE = 30.0  # times the noise: one difference says no more than that
 SOFT_EDGE = 0.2  # of the shares about WHITE over which readings turn from a signal into noise
 CHANGES_KEPT = 32  # over which the smallest change of a log's readings is its step
 DECIMAL_STEPS = (1.0, 0.1, 0.01)  # in which logs are written, the coarsest first,
-WRITTEN_WITHIN = 0.01  # and how near a multiple of one a reading in such steps is, over it
+WRITTEN_WITHIN = 1e-4  # and how near a multiple of one a reading in such steps is, in its unit
 REPEATS_ROWS = 50.0
 TIMES_BY_CHANCE = 2.0  # as many repeats as rounding alone makes
 LASTING_ROWS = 10  # refused readings in a row, after which they are the sensor's
@@ -127,7 +127,7 @@ class Guard:
     def _believed(self, reading: float, alike: float = 0.0) -> bool:
         """Take in a reading that can be; whether it repeats the one before for no reason that rounding gives."""
         for step in DECIMAL_STEPS[self.decimals :]:
-            if abs(reading / step - round(reading / step)) <= WRITTEN_WITHIN:
+            if abs(reading - step * round(reading / step)) <= WRITTEN_WITHIN:
                 break
             self.decimals += 1
         if not np.isfinite(self.last):

@@ -460,8 +460,7 @@ static float resolution(const shock_guard *g) {
 }
 
 static int written_in(float reading, float step) {
-  float steps = reading / step;
-  return fabsf(steps - floorf(steps + 0.5f)) <= @WRITTEN_WITHIN@;
+  return fabsf(reading - step * floorf(reading / step + 0.5f)) <= @WRITTEN_WITHIN@;
 }
 
 static int is_coarse(const design *d, const shock_guard *g) { return resolution(g) > @COARSE@ * d->noise; }

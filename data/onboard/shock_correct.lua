@@ -359,8 +359,7 @@ local DECIMAL_STEPS = {@DECIMAL_STEPS@, 0.0} -- the last: written in none of the
 local function resolution(g) return g.changes >= @FEWEST_CHANGES@ and g.step or DECIMAL_STEPS[g.decimals] end
 
 local function written_in(reading, step)
-  local steps = reading / step
-  return abs(steps - math.floor(steps + 0.5)) <= @WRITTEN_WITHIN@
+  return abs(reading - step * math.floor(reading / step + 0.5)) <= @WRITTEN_WITHIN@
 end
 
 local function is_coarse(d, g) return resolution(g) > @COARSE@ * d.noise end

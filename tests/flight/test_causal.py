@@ -122,6 +122,8 @@ def test_a_log_that_hardly_changes_tells_its_step_by_its_decimals(decimals, step
     for value in np.round([47.3123, 47.3123, 47.4321, 47.4321], decimals):
         judged = guard.judge(float(value), float(value), 1.0)
     assert guard.resolution == step
+    guard.judge(48.01, 48.01, 1.0)  # near a whole one, and none
+    assert guard.resolution == min(step, 0.01)
     assert judged.variance >= step**2 / 12.0
 
 
