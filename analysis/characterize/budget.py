@@ -121,6 +121,10 @@ def sources(part: Part, noise: Noise) -> list[Source]:
             line = Component("rate, run by run", "A", "normal", found.rate_scatter, "1", degrees=degrees)
             made.append(Source(line, moves))
             continue
+        if effect is RunEffect.STRENGTH:
+            line = Component("strength of an effect, run by run", "A", "normal", found.strength_scatter, "1")
+            made.append(Source(line, moves))
+            continue
         size = float(np.sqrt((1.0 / arrow.weight[:, effect]).mean()))
         its_unit = "s" if effect is RunEffect.START else air_unit[effect]
         made.append(Source(Component(names[effect], "B", "normal", size, its_unit), moves))

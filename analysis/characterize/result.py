@@ -84,7 +84,7 @@ class Part:
     def normalised_deviation(self) -> float:
         """RMS normalised deviation of start times and airs: as fitted, in units of the uncertainty they came with."""
         counted = self.problem.stated
-        counted[:, RunEffect.RATE] = False  # its scatter is fitted
+        counted[:, [RunEffect.RATE, RunEffect.STRENGTH]] = False  # their scatters are fitted
         scaled = (self.fit.deviations / self.problem.scatter)[counted]
         return float(np.sqrt(np.mean(scaled**2))) if scaled.size else 0.0
 

@@ -210,7 +210,7 @@ def _deviations(problem: Problem, found: Fit) -> list[Check]:
         if told.sum() < 4:
             continue
         z = found.deviations[told, k] / np.sqrt(spread[told])
-        if k != RunEffect.RATE:  # the scatter of the rate is estimated, that of the others is stated
+        if k not in (RunEffect.RATE, RunEffect.STRENGTH):  # these scatters are estimated, those of the others stated
             # Stated uncertainties are good to about a third: the scale of the test is widened by that.
             total, degrees = float((z**2).sum()) / level("stated_scatter"), float(told.sum())
             p = float(special.chdtrc(degrees, total))

@@ -13,10 +13,20 @@ from math import log
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.diagnose.grammar import forms, kin, starts_of, varied
+from shockrig.analysis.diagnose.grammar import by_chance, forms, kin, starts_of, varied
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.behaviours import SCALES, SPREAD, Form, form_of, is_group, is_step, laws_of
+from shockrig.analysis.effects.behaviours import (
+    SCALES,
+    SCATTER,
+    SPREAD,
+    Form,
+    form_of,
+    forms_of,
+    is_group,
+    is_step,
+    laws_of,
+)
 from shockrig.analysis.effects.described import described, is_described
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import Effect
@@ -37,12 +47,14 @@ def log_prior(effect: Effect, channel: Channel, looks: int) -> float:
     if not is_described(effect.id):
         return -against - 0.5 * effect.rarity(channel)
     on = form_of(effect.id).depends_on
-    against += level("form") + level("factor") * sum(how in SCALES or (factor, how) == SPREAD for factor, how in on)
+    against += level("form") + level("factor") * sum(one[1] in SCALES or one in (SPREAD, SCATTER) for one in on)
     # One form for each run that a change may begin at, and two for each that may part a group from the others.
     against += log(2.0 * channel.runs) * sum(is_group(how) for _, how in on)
     return -against - log(channel.runs) * sum(is_step(how) for _, how in on)
 
 
+# Behaviours that bend with their strength, and how much stronger than at a start one may be until the next is nearer.
+BENDING, BETWEEN_STARTS = frozenset({"lag_in_series", "delay", "rate_change"}), 2.0
 LAST_PART, STILL_MOVES = 0.1, 8.0  # of a record; standard uncertainties of its slope from which on it still moves
 
 
@@ -65,12 +77,27 @@ class Candidate:
         itself alone."""
         return (self.effect.id,) if self.form is None else (self.form.behaves_as, self.form.driver)
 
+    @property
+    def furthest(self) -> float:
+        """How many times what it changes at a start it may change before it is another shape: a lag, a delay and a
+        rate bend, what is added does not."""
+        bends = self.form.behaves_as in BENDING if self.form else bool(self.weakest)
+        return BETWEEN_STARTS if bends else np.inf
+
+    @property
+    def weakest(self) -> tuple[dict[str, float], ...]:
+        """Its starts where it changes least: a small effect of a kind that bends shows there, a large one at its own
+        size."""
+        least = {p.name: p.weakest for p in self.effect.parameters if p.weakest is not None}
+        return tuple(start | least for start in self.starts) if least else ()
+
     def fits(self, structure: Structure) -> bool:
         """Whether it may be added to a model."""
         taken, effect = set(structure.ids), self.effect
         return (
             effect.id not in taken
             and not effect.candidacy.excludes & taken
+            and not (effect.scatters and structure.scattering)
             and not any(effect.id in other.candidacy.excludes for other in structure.effects)
             and (not effect.candidacy.beside or bool(effect.candidacy.beside & taken))
         )
@@ -94,17 +121,24 @@ def kin_of(form: Form, channel: Channel) -> tuple[Candidate, ...]:
     return _of_forms(kin(form, channel), {e.id for e in listed(channel)}, channel)
 
 
+def by_chance_of(effect: Effect, channel: Channel) -> tuple[Candidate, ...]:
+    """Forms that are a catalogued effect's law and differ from run to run by chance."""
+    driver = "air_humidity" if channel.jumps_with_air else "air_temperature"
+    laws = (form for form, _ in forms_of(effect.id, driver))
+    return _of_forms((one for law in laws for one in by_chance(law, channel)), set(), channel)
+
+
 def bare_forms(channel: Channel) -> tuple[Candidate, ...]:
     """Forms that depend on nothing, listed laws among them; none where the runs' order was not varied."""
     bare = (form for form in forms(channel) if not form.depends_on)
     return _of_forms(bare, set(), channel) if "run_order" in varied(channel) else ()
 
 
-def in_group_of(one: Candidate, how: str, start: dict[str, float], channel: Channel) -> Candidate:
-    """A bare form in a group of runs alone, from one of its starts."""
+def in_group_of(one: Candidate, how: str, channel: Channel) -> Candidate:
+    """A bare form in a group of runs alone."""
     assert one.form is not None
     effect = described(one.form.with_factor("run_order", how).key, channel.jumps_with_air)
-    return Candidate(effect, (start,), log_prior(effect, channel, len(one.starts)))
+    return Candidate(effect, one.starts, log_prior(effect, channel, len(one.starts)))
 
 
 def _of_forms(these: Iterable[Form], ids: set[str], channel: Channel) -> tuple[Candidate, ...]:

@@ -31,6 +31,7 @@ Array = NDArray[np.float64]
 # What stands at a limit stays there, and the rest of the run is placed anew beside it.
 
 PLACED_WITHIN = 2.0  # standard uncertainties
+NO_SCATTER = 1e-6  # of a strength, relative
 FREE_LIMIT = 10.0  # likewise, of what nobody recorded
 NEWTON_STEPS = 8  # of Gauss and Newton within the limits
 TINY_SIZE = 1e-12
@@ -40,7 +41,8 @@ SETTLED_STEP = 1e-3  # of the limits: a smaller step is none
 
 def placed(bins: Problem, found: Fit) -> Array:
     """Random effects (R, U) of runs that a model was not fitted to."""
-    problem = bins.with_rate_scatter(RATE_SCATTER)
+    # How much stronger an effect is in a run by chance, no other run tells.
+    problem = bins.with_rate_scatter(RATE_SCATTER).with_strength_scatter(NO_SCATTER)
     at, astray = _placed(problem, found)
     if not astray.any():
         return at

@@ -11,7 +11,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.effects.behaviours import SCALES, SPREAD, STEP, Factor, Form, dew_margin_k, form_of, own_step
+from shockrig.analysis.effects.behaviours import (
+    SCALES,
+    SCATTER,
+    SPREAD,
+    STEP,
+    Factor,
+    Form,
+    dew_margin_k,
+    form_of,
+    own_step,
+)
 from shockrig.analysis.effects.described import described, discovered_of, is_described
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import Effect
@@ -86,7 +96,7 @@ def scaling_factors(form: Form, channel: Channel) -> list[Factor]:
         there -= {"ambient"}  # each ambient has its own rate
     if form.behaves_as == "periodic" or {"zero_at", "above"} & set(dict(form.depends_on).values()):
         return []
-    if form.behaves_as == "gain" and ("ambient", "linear") in form.depends_on:
+    if form.behaves_as == "gain" and {("ambient", "linear"), ("humidity", "linear")} & set(form.depends_on):
         return []
     if form.behaves_as in ("lag_in_series", "delay") and "linear" in dict(form.depends_on).values():
         return []
@@ -124,8 +134,8 @@ def forms(channel: Channel) -> Iterator[Form]:
         zero = Form("gain", "own_response", (("ambient", "zero_at"),))
         own = "air_humidity" if channel.jumps_with_air else "air_temperature"
         room = Form("added_response", own, (("ambient", "zero_at"),))
+        yield Form("gain", "own_response", (("ambient", "linear"),))
         if channel.jumps_with_air:
-            yield Form("gain", "own_response", (("ambient", "linear"),))
             yield room.with_factor("humidity", "zero_at")
         else:
             yield zero
@@ -136,6 +146,8 @@ def forms(channel: Channel) -> Iterator[Form]:
         yield Form("offset", "none", (("direction", "sign"), ("step", "sets_in_over")))
     if channel.jumps_with_air:
         yield Form("gain", "own_response", (("humidity", "above"),))
+        if "humidity" in there:
+            yield Form("gain", "own_response", (("humidity", "linear"),))
     if "dew" in there:  # what dew brings, and takes away as it dries
         yield Form("added_rate", "none", (("humidity", "dew_margin"),))
 
@@ -154,6 +166,22 @@ def kin(form: Form, channel: Channel) -> Iterator[Form]:
         yield from (form.with_factor(*factor) for factor in scaling_factors(form, channel))
     if _may_spread(form):
         yield form.with_factor(*SPREAD)
+    yield from by_chance(form, channel)
+
+
+def by_chance(form: Form, channel: Channel) -> Iterator[Form]:
+    """A form that differs from run to run by chance, as it is and with that in place of the conditions that scale it;
+    none where its strength cannot."""
+    if channel.runs < LEAST_RUNS or not scaling_factors(replace(form, depends_on=_kinetics(form)), channel):
+        return
+    for on in dict.fromkeys((form.depends_on, _kinetics(form))):
+        if "run_order" not in dict(on):
+            yield replace(form, depends_on=on).with_factor(*SCATTER)
+
+
+def _kinetics(form: Form) -> tuple[Factor, ...]:
+    """What a form depends on besides conditions that scale its strength."""
+    return tuple(on for on in form.depends_on if on[1] not in SCALES and on != SCATTER)
 
 
 def _may_spread(form: Form) -> bool:

@@ -16,7 +16,15 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.diagnose.candidates import Candidate, bare_forms, candidates, in_group_of, kin_of, sound
+from shockrig.analysis.diagnose.candidates import (
+    Candidate,
+    bare_forms,
+    by_chance_of,
+    candidates,
+    in_group_of,
+    kin_of,
+    sound,
+)
 from shockrig.analysis.diagnose.grammar import splits
 from shockrig.analysis.diagnose.refitting import begun_anew, plain_fit, rate_shift, refit
 from shockrig.analysis.diagnose.thresholds import level
@@ -24,18 +32,22 @@ from shockrig.analysis.effects.behaviours import (
     ONLY_BEFORE,
     ONLY_FROM,
     SCALES,
+    SCATTER,
     SPREAD,
     STEP,
     Factor,
     Form,
     form_of,
+    forms_of,
+    is_group,
     laws_of,
 )
 from shockrig.analysis.effects.described import is_described
+from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import Effect, by_name
 from shockrig.analysis.estimate.fit import Fit, fit, go_on
 from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
-from shockrig.analysis.estimate.predictive import Score, bumps, score, weights
+from shockrig.analysis.estimate.predictive import Score, bumps, run_densities, score, weights
 from shockrig.analysis.estimate.problem import RATE_SCATTER, Problem
 from shockrig.analysis.estimate.quantity import RunEffect
 from shockrig.analysis.estimate.scan import plainly_wrong, rough_point, rough_rates
@@ -50,7 +62,7 @@ BEGUN_COUNT, RUNNING_COUNT, FINISHED_COUNT = 16, 8, 3
 STARTS_EACH = 2  # of a candidate, the best to first order
 QUICK_STEPS, FURTHER_STEPS, WHOLE_STEPS = 3, 5, 25  # steps of Gauss and Newton
 MOST_EFFECTS, A_PAIR = 6, 2
-TINY_SIZE = 1e-12  # of a column that says nothing
+TINY_SIZE, LEAST_VARIANCE = 1e-12, 1e-9  # of the score of a column that says nothing, and of one that may say something
 SMALLEST_DISCREPANCY = 1e-6  # discrepancy that is none
 FAR_DISCREPANCY = 0.005  # discrepancy, as a share of the step, from which the runs' deviations mean little
 WITHIN_REACH = 3.0  # nats that a candidate's promise to first order may lack and that its fit may bring
@@ -97,8 +109,9 @@ def law_of(effect: str) -> str:
 
 
 def _more_of(form: Form) -> list[Factor]:
-    """What a form depends on beyond its behaviour: conditions that scale its strength, several time constants."""
-    return [on for on in form.depends_on if on[1] in SCALES or on == SPREAD]
+    """What a form depends on beyond its behaviour: conditions that scale its strength, chance, several time
+    constants."""
+    return [on for on in form.depends_on if on[1] in SCALES or on in (SPREAD, SCATTER)]
 
 
 @cache
@@ -234,37 +247,33 @@ class Race:
         promised |= {found[0].effect.id: found for found in (self._promises(near, new) if new else ())}
         return sorted((promised[one.effect.id] for one in among), key=lambda item: -(item[2] + item[0].log_prior))
 
-    def _columns(self, near: Rated, one: Candidate) -> Array:
-        """What a candidate changes at each of its starts, whitened (R, n, C)."""
+    def _columns(self, near: Rated, one: Candidate, starts: Starts) -> Array:
+        """What a candidate changes at each of some starts, whitened (R, n, C)."""
         found, channel = near.fit, self.problem.channel
         model = Model(channel, found.structure.adding(one.effect))
         rates = found.log_rates + rate_shift(one.effect, channel)
         thetas = []
-        for start in one.starts:
-            weak = {k: v if (w := one.effect.parameter(k).weakest) is None else w for k, v in start.items()}
-            theta = model.start(rates, found.choice | by_name(one.effect, weak))
+        for start in starts:
+            theta = model.start(rates, found.choice | by_name(one.effect, start))
             theta[model.behind] = found.theta[found.model.behind]
             thetas.append(theta)
         predicted = model.predict(Point(np.stack(thetas), found.deviations)) - found.at.prediction
         return self.problem.whiten(np.moveaxis(predicted, 0, -1))
 
     def _promises(self, near: Rated, among: Sequence[Candidate]) -> list[Screened]:
-        columns = [self._columns(near, one) for one in among]
-        owners = [(one, start) for one in among for start in one.starts]
+        columns = [self._columns(near, one, (*one.starts, *one.weakest)) for one in among]
         right, size = self._first_order(near, np.concatenate(columns, axis=-1))
-        gains = np.where(size > 1e-9, 0.5 * right**2 / np.maximum(size, 1e-12), 0.0)
-        by: dict[str, list[tuple[float, Mapping[str, float]]]] = {}
-        for (one, start), gain in zip(owners, gains, strict=True):
-            by.setdefault(one.effect.id, []).append((float(gain), start))
+        most = np.concatenate([np.full(c.shape[-1], one.furthest) for one, c in zip(among, columns, strict=True)])
+        gains = _promised(right, size, most)
         out: list[Screened] = []
-        for one in among:
-            pairs = sorted(by[one.effect.id], key=lambda pair: -pair[0])
-            out.append((one, [start for _, start in pairs], pairs[0][0]))
+        for one, own in zip(among, np.split(gains, np.cumsum([c.shape[-1] for c in columns])[:-1]), strict=True):
+            best = np.maximum(own[: len(one.starts)], own[len(one.starts) :].max(initial=0.0))
+            order = np.argsort(-own[: len(one.starts)], kind="stable")
+            out.append((one, [one.starts[i] for i in order], float(best.max())))
         return out
 
     def groups(self, near: Rated) -> list[Candidate]:
-        """Each bare form in that group of runs, before one or from it on, in which it promises most by what each run
-        says alone."""
+        """Each bare form in that group of runs, before one or from it on, in which it promises most."""
         place = self.beside(near)
         if not place.groups:
             place.groups.extend(self._in_group(near, one) for one in self.bare)
@@ -272,20 +281,33 @@ class Race:
         return place.groups
 
     def _in_group(self, near: Rated, one: Candidate) -> Candidate:
-        channel, arrow, columns = self.problem.channel, near.fit.arrow, self._columns(near, one)
-        right = (columns * self.problem.whiten(near.fit.residual)[..., None]).sum(axis=1)  # (R, C)
-        own = np.swapaxes(arrow.run_jacobian, 1, 2) @ columns
-        size = (columns**2).sum(axis=1) - (own * np.linalg.solve(arrow.blocks, own)).sum(axis=1)
-        firsts = splits(channel)
-        late = channel.conditions.order >= np.array(firsts)[:, None]  # (K, R)
-        sides = np.concatenate([late, ~late]).astype(float)
-        gains = (sides @ right) ** 2 / np.maximum(sides @ size, TINY_SIZE)
-        side, start = np.unravel_index(int(np.argmax(gains)), gains.shape)
-        how = f"{ONLY_FROM if side < len(firsts) else ONLY_BEFORE}{firsts[side % len(firsts)]}"
-        return in_group_of(one, how, one.starts[start], channel)
+        hows, sides = _sides(self.problem.channel)
+        right, size = self._first_order(near, self._columns(near, one, one.starts), sides)
+        side = int(np.argmax(_promised(right, size, one.furthest).max(axis=1)))
+        return in_group_of(one, hows[side], self.problem.channel)
 
-    def _first_order(self, near: Rated, columns: Array) -> tuple[Array, Array]:
-        """Scores of columns and their variances, beside the model's parameters, discrepancy and random effects."""
+    def _regrouped(self, near: Rated, effect: str) -> Candidate | None:
+        """A form in another group of runs than where it was begun: the one in which it makes the readings likeliest,
+        run by run, with the values that it has got; None where that is the group that it has."""
+        channel, (found, *_) = self.problem.channel, self.beside(near).fits[effect]
+        fit, form = found.fit, form_of(effect)
+        (how,) = (how for _, how in form.depends_on if is_group(how))
+        bare = replace(form, depends_on=tuple(on for on in form.depends_on if not is_group(on[1])))
+        (one,) = (one for one in self.bare if one.form == bare)
+        without = fit.structure.dropping(effect)
+        densities_of = []
+        for structure in (without, without.adding(one.effect)):
+            model = Model(channel, structure)
+            theta = model.start(fit.log_rates, {k.replace(effect, one.effect.id): v for k, v in fit.choice.items()})
+            theta[model.behind] = fit.theta[fit.model.behind]
+            densities_of.append(run_densities(self.problem, fit, model.predict(Point(theta, fit.deviations))[0]))
+        hows, sides = _sides(channel)
+        likeliest = hows[int(np.argmax(sides @ (densities_of[1] - densities_of[0])))]
+        return None if likeliest == how else in_group_of(one, likeliest, channel)
+
+    def _first_order(self, near: Rated, columns: Array, groups: Array | None = None) -> tuple[Array, Array]:
+        """Scores of columns and their variances, beside the model's parameters, discrepancy and random effects; with
+        groups (K, R) those of each column in each group of runs alone."""
         # A candidate may end what the model so far is wrong by: that is not to hide what it promises.
         # Nor is how much runs differ in their rates, where that is more than sensors usually do.
         found, sigma = near.fit, max(min(near.score.discrepancy, FAR_DISCREPANCY), SMALLEST_DISCREPANCY)
@@ -297,7 +319,7 @@ class Race:
             run_jacobian=np.concatenate([found.arrow.run_jacobian, self.bump], axis=-1),
             weight=np.concatenate([own, discrepancy], axis=-1),
         )
-        return found.score_variances(self.problem, columns, beside)
+        return found.score_variances(self.problem, columns, beside, groups)
 
     def _entered(self, screened: Sequence[Screened], far: bool) -> list[tuple[Candidate, Starts]]:
         """Those whose fits are begun: of each family the best, then by promise."""
@@ -348,6 +370,24 @@ class Race:
         tried = [self.fitted(structure, model.start(r, choice), own, QUICK_STEPS) for r, choice, own in begins]
         return sorted(tried, key=lambda r: -r.value)
 
+    def _in_its_group(self, near: Rated, effect: str) -> str:
+        """The candidate that goes on where one was begun: itself, or its form in a group of runs that suits it better."""
+        place = self.beside(near)
+        if not is_described(effect) or not any(is_group(how) for _, how in form_of(effect).depends_on):
+            return effect
+        other = self._regrouped(near, effect)
+        if other is None:
+            return effect
+        moved = other.effect.id
+        if moved not in place.fits:
+            self.priors[moved] = other.log_prior
+            begun = place.fits[effect][0].fit
+            structure = begun.structure.dropping(effect).adding(other.effect)
+            choice = {name.replace(effect, moved): value for name, value in begun.choice.items()}
+            start = Model(self.problem.channel, structure).start(begun.log_rates, choice)
+            place.fits[moved] = [self.fitted(structure, start, begun.deviations, QUICK_STEPS)]
+        return max(effect, moved, key=lambda id_: place.fits[id_][0].value)
+
     def _further(self, one: Rated, steps: int) -> Rated:
         if one.fit.converged:
             return one
@@ -375,13 +415,14 @@ class Race:
         for one, starts in entered:
             if one.effect.id not in place.fits:
                 place.fits[one.effect.id] = self._begun(near, one, starts, far)
-        runners = [one.effect.id for one, _ in entered]
+        runners = list(dict.fromkeys(self._in_its_group(near, one.effect.id) for one, _ in entered))
         for left in range(3 if far else 2, 0, -1):
             runners = place.ordered(runners)[: RUNNING_COUNT + 2 * (left - 1)]
             for effect in runners:
                 further = [self._further(begun, FURTHER_STEPS) for begun in place.fits[effect][:left]]
                 place.fits[effect] = sorted(further, key=lambda r: -r.value)
-        runners = place.ordered(runners)
+        best = [self._in_its_group(near, effect) for effect in place.ordered(runners)[:FINISHED_COUNT]]
+        runners = place.ordered(list(dict.fromkeys([*best, *runners])))
         for effect in runners[:FINISHED_COUNT]:
             if effect not in place.ended:
                 place.fits[effect] = [self.finished(place.fits[effect][0])]
@@ -446,14 +487,19 @@ class Race:
         return current
 
     def simplest(self, current: Rated) -> Rated:
-        """A model with its forms' dependences taken away, or others added, where unseen runs are no worse for it."""
+        """A model with its forms' dependences taken away, or others added, where unseen runs are no worse for it; a
+        catalogued effect may differ from run to run by chance."""
+        channel = self.problem.channel
         for effect in current.fit.structure.effects:
-            if effect.id in self.fixed or not is_described(effect.id):
+            if effect.id in self.fixed:
                 continue
-            form, best = form_of(effect.id), current
-            for other in kin_of(form, self.problem.channel):
+            described, best = is_described(effect.id), current
+            for other in kin_of(form_of(effect.id), channel) if described else by_chance_of(effect, channel):
+                without = current.fit.structure.dropping(effect.id)
+                if not other.fits(without):
+                    continue
                 self.priors[other.effect.id] = other.log_prior
-                structure = current.fit.structure.dropping(effect.id).adding(other.effect)
+                structure = without.adding(other.effect)
                 if frozenset(structure.ids) in self.pool:
                     trial = self.pool[frozenset(structure.ids)]
                 else:
@@ -470,6 +516,20 @@ class Race:
     def ended(self) -> bool:
         """Whether no further step may begin."""
         return self.fits >= MOST_FITS
+
+
+def _sides(channel: Channel) -> tuple[list[str], Array]:
+    """The groups of runs, from each run on and before it, as a dependence says them, and 1 for their runs (K, R)."""
+    firsts = splits(channel)
+    late = channel.conditions.order >= np.array(firsts)[:, None]
+    hows = [f"{only}{first}" for only in (ONLY_FROM, ONLY_BEFORE) for first in firsts]
+    return hows, np.concatenate([late, ~late]).astype(float)
+
+
+def _promised(right: Array, size: Array, furthest: Array | float) -> Array:
+    """What columns promise [nats] by their scores and variances, each taken no more than so many times."""
+    times = np.clip(right / np.maximum(size, TINY_SIZE), -furthest, furthest)
+    return np.asarray(np.where(size > LEAST_VARIANCE, times * right - 0.5 * times**2 * size, 0.0))
 
 
 def first_look(problem: Problem, base: Structure = PLAIN) -> Fit:
@@ -516,6 +576,7 @@ def search(
         grown = race.grown(race.pruned(race.simplest(best)), among)
         race.exchanged(race.simplest(grown), among)
     else:
+        race.simplest(named)
         for effect in sorted(named.ids - race.fixed):
             race.forward(race.without(named, effect), forms)
     return _weighed(race, plain)
@@ -524,6 +585,11 @@ def search(
 def _carried(found: Fit, structure: Structure, effect: Effect, other: Candidate) -> Array:
     """theta of a structure with another form in the place of one: its values where both have any."""
     own = {p.name: found.choice[f"{effect.id}.{p.name}"] for p in effect.parameters}
+    if other.form is not None and not is_described(effect.id):
+        (names,) = (
+            names for law, names in forms_of(effect.id, other.form.driver) if law.behaves_as == other.form.behaves_as
+        )
+        own = {name: own[of] for of, name in names.items()}
     begin = {
         p.name: own.get(p.name, other.starts[0][p.name] if p.none is None else p.none) for p in other.effect.parameters
     }

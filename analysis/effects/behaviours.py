@@ -87,6 +87,17 @@ def laws_of(form: Form) -> tuple[Law, ...]:
     return LAWS.get((form.behaves_as, _driver(form), form.depends_on), ())
 
 
+def forms_of(effect: str, driver: str) -> tuple[tuple[Form, Mapping[str, str]], ...]:
+    """The forms that are a catalogued effect's law, of an air of this kind, and the effect's parameters by the form's;
+    of several effects with one law, each has it."""
+    found = []
+    for (behaviour, of, on), laws in LAWS.items():
+        names = next((names for name, names in laws if name == effect), None)
+        if names is not None:
+            found.append((Form(behaviour, driver if of == "air" else of, on), names))
+    return tuple(found)
+
+
 def kin(effect: str, form: Form) -> bool:
     """Whether a form is the behaviour of an effect's law, by another rule or by the same."""
     return any(
@@ -109,6 +120,7 @@ USUAL_MARGIN_K = 10.0  # of dew
 SCALES = frozenset({"power", "exponential", "ratio"})  # ways in which a condition scales a strength
 SPREAD: Factor = ("history", "spread")  # not one time constant, but several, evenly spread in their logarithm
 SPREAD_OVER = np.linspace(-1.0, 1.0, 7)  # times the factor's number: logarithms of the time constants over their middle
+SCATTER: Factor = ("run_order", "scatter")  # stronger in one run than in another, by chance
 LEAST_STEP = 0.1  # share of a usual step
 PPM = 1e-6  # of the time that a run has lasted, by which a delay grows
 
@@ -224,6 +236,8 @@ def _scale(form: Form, chain: Chain, p: Arrays) -> Array:
             out = out * scaling(factor, how, chain.channel.conditions, chain.channel.jumps_with_air, p[factor])
         elif is_group(how):
             out = out * _in_group(how, chain.channel.conditions.order)
+        elif (factor, how) == SCATTER:
+            out = out * (1.0 + np.asarray(chain.by_chance))
         elif how == "dew_margin":
             out = out * dew_margin_k(chain.channel.conditions) / USUAL_MARGIN_K
     return out
@@ -352,6 +366,11 @@ def _added_rate(form: Form, chain: Chain, p: Arrays) -> Chain:
     return _readout(chain, lambda reading, time: step[..., None] * _relaxed(time, each_s))
 
 
+def _bent(jumps: bool) -> Form:
+    """A calibration line that is bent: a gain that moves with what is read."""
+    return Form("gain", "own_response", (("humidity" if jumps else "ambient", "linear"),))
+
+
 def _gain(form: Form, chain: Chain, p: Arrays) -> Chain:
     if form.driver == "die_temperature":  # as the saturation pressure moves from the air's temperature to the die's
         size = (p["size"] * _scale(form, chain, p))[..., None]
@@ -362,6 +381,9 @@ def _gain(form: Form, chain: Chain, p: Arrays) -> Chain:
             return np.asarray(reading * (saturation_pressure_hpa(die) / saturation_pressure_hpa(air)) ** size)
 
         return replace(chain, readouts=(*chain.readouts, of_die))
+    if form == _bent(chain.channel.jumps_with_air):
+        slope, middle = p["size"][..., None], USUAL_PERCENT if chain.channel.jumps_with_air else USUAL_C
+        return _readout(chain, lambda reading, time: slope * reading * (reading - middle))
     if ("ambient", "linear") in form.depends_on:  # a gain that moves with the sensor's own temperature
         slope = p["size"][..., None]
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.effects.behaviours import (
     MEAN,
+    SCATTER,
     SPREAD,
     USUAL_C,
     Form,
@@ -171,6 +172,7 @@ def described(key: str, jumps: bool) -> Effect:
         start=Start(from_data=partial(_from_the_jumps, form), nudges=partial(_nudges, form)) if late else Start(),
         in_flight=flown(form) if of_sensor(form) else None,
         order=ORDER_AFTER_CATALOGUE,
+        scatters=SCATTER in form.depends_on,
     )
 
 
@@ -198,7 +200,7 @@ def of_sensor(form: Form) -> bool:
     dew = ("humidity", "dew_margin") in form.depends_on
     pulse = form.behaves_as == "added_rate" and form.driver == "none" and not dew
     clock = form.behaves_as == "delay" and "history" in form.factors
-    drifts = {"run_order", "time_of_campaign"} & set(form.factors)
+    drifts = {"run_order", "time_of_campaign"} & {of for of, how in form.depends_on if (of, how) != SCATTER}
     return not (room or pulse or form.behaves_as == "periodic" or clock or drifts)
 
 
@@ -213,7 +215,7 @@ def _parameters(form: Form, jumps: bool) -> Iterable[Parameter]:
     elif kind == "delay" and "linear" in dict(form.depends_on).values():
         yield Parameter("size", f"s{each}", -10.0, 10.0, (0.003, 0.01, -0.005), weakest=0.001)
     elif kind == "delay":
-        starts = (0.05, 0.3) if form.driver == "none" else (0.05, 0.3, 1.0, 3.0)
+        starts = (0.05, 0.3) if form.driver == "none" else (0.05, 0.3, 0.6, 1.0, 1.6, 3.0)
         yield Parameter("size", "s", -0.5, 10.0, starts, weakest=0.01)
     elif kind == "parallel_lag":
         yield Parameter("size", "1", -0.9, 0.9, (0.03,), percent=True)
@@ -226,9 +228,11 @@ def _parameters(form: Form, jumps: bool) -> Iterable[Parameter]:
             yield Parameter("size", "1", -1.5, 1.5, (-0.5,))
         elif ("ambient", "linear") in form.depends_on:
             yield Parameter("size", "1/K", -0.02, 0.02, (0.0005,))
+        elif ("humidity", "linear") in form.depends_on:
+            yield Parameter("size", "1/%RH", -0.02, 0.02, (0.0005,))
         else:
             most = 3.0 if form.driver == "die_temperature" else 0.3
-            yield Parameter("size", f"1{each}", -most, most, (0.02 * most, -0.02 * most))
+            yield Parameter("size", f"1{each}", -most, most, (0.02 * most,))
     elif kind == "added_response":
         limits = {"air_temperature": 5.0, "die_temperature": 5.0, "air_humidity": 1.0, "own_response": 0.5}
         if room:
@@ -238,9 +242,9 @@ def _parameters(form: Form, jumps: bool) -> Iterable[Parameter]:
             yield Parameter("size", size_unit(form, unit), -most, most, (2e-3 * most,))
     elif kind == "added_rate":
         most = {"own_response": 60.0, "none": 60.0}.get(form.driver, 200.0)
-        yield Parameter("size", size_unit(form, unit), -most, most, (2e-3 * most, -2e-3 * most))
+        yield Parameter("size", size_unit(form, unit), -most, most, (2e-3 * most,))
     elif kind == "offset":
-        yield Parameter("size", f"{unit}{each}", -30.0, 30.0, (0.05, -0.05) if not jumps else (0.3, -0.3))
+        yield Parameter("size", f"{unit}{each}", -30.0, 30.0, (0.05,) if not jumps else (0.3,))
     elif kind == "periodic":
         most = 1.0 if form.driver != "none" else 20.0
         yield Parameter("size", size_unit(form, unit), -most, most, (2e-3 * most,))
@@ -303,6 +307,8 @@ def equation(form: Form) -> str:
         return "reading + size max(reading - humidity, 0)"
     if form.behaves_as == "gain" and ("ambient", "linear") in form.depends_on:
         return "reading (1 + size (T - 20 degC))"
+    if form.behaves_as == "gain" and ("humidity", "linear") in form.depends_on:
+        return "reading (1 + size (reading - 50 %RH))"
     if form.behaves_as == "delay" and form.driver == "air_humidity":
         words = "".join(f" {_in_words(factor, how)}" for factor, how in form.depends_on)
         return f"vapour at the film(t) = vapour in the air(t - size{words})"
@@ -327,6 +333,7 @@ def _in_words(factor: str, how: str) -> str:
         "power": f"{factor}^n",
         "exponential": f"exp(n {factor})",
         "logarithmic": "ln(1 + t / time_constant)",
+        "scatter": "(1 + n z), z normal in each run,",
         "spread": "(mean over time constants from exp(-n) to exp(n) times time_constant)",
         "ratio": f"(falling: times n, {factor})",
     }.get(how, f"({how.replace('_', ' ')}, {factor})")

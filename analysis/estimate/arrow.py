@@ -145,15 +145,28 @@ class Arrow:
         return right[p:] - whole[p:, :p] @ inverse @ right[:p], normal
 
     def score_variances(
-        self, columns: Array, residual: Array, deviations: Array, pull: Array | None = None
+        self, columns: Array, residual: Array, deviations: Array, pull: Array | None = None, groups: Array | None = None
     ) -> tuple[Array, Array]:
-        """Likewise the scores (C,) and their variances alone (C,): much less work where there are many columns."""
-        tall, flat, reduced, right = self._beside(columns, residual, deviations, pull)
-        p = self.jacobian.shape[-1]
-        wide = tall[:, :p].T @ tall - flat[:, :p].T @ reduced
-        taken = self._inverse(wide[:, :p]) @ wide[:, p:]
-        size = np.einsum("ij,ij->j", tall[:, p:], tall[:, p:]) - np.einsum("ij,ij->j", flat[:, p:], reduced[:, p:])
-        return right[p:] - taken.T @ right[:p], size - (wide[:, p:] * taken).sum(axis=0)
+        """Likewise the scores (C,) and their variances alone (C,): much less work where there are many columns.
+
+        With `groups` (K, R), 1 for runs that belong to a group and 0 for others, those of each column where it is there
+        in the runs of a group alone, (K, C).
+        """
+        p, runs = self.jacobian.shape[-1], self.jacobian.shape[0]
+        both = np.concatenate([self.jacobian, columns], axis=-1)
+        # What of each direction the runs' random effects cannot take up.
+        left = both - self.run_jacobian @ np.linalg.solve(self.blocks, self._turned @ both)
+        at_zero = residual + (self.run_jacobian @ deviations[..., None])[..., 0]
+        right = (np.swapaxes(left, 1, 2) @ at_zero[..., None])[..., 0]  # (R, P + C)
+        normal = np.swapaxes(self.jacobian, 1, 2) @ left  # (R, P, P + C)
+        size = np.einsum("rnc,rnc->rc", columns, left[..., p:])
+        among = np.ones((1, runs)) if groups is None else groups
+        coupled = (among @ normal[..., p:].reshape(runs, -1)).reshape(among.shape[0], p, -1)
+        taken = self._inverse(normal[..., :p].sum(axis=0)) @ coupled
+        of_theta = right[:, :p].sum(axis=0) + (0.0 if pull is None else pull)
+        scores = among @ right[:, p:] - of_theta @ taken
+        variances = among @ size - (coupled * taken).sum(axis=1)
+        return (scores[0], variances[0]) if groups is None else (scores, variances)
 
     def _beside(
         self, columns: Array, residual: Array, deviations: Array, pull: Array | None

@@ -279,6 +279,8 @@ class Effect:
         Whether what is around the probes does it, though another link than the air shows it.
     order : int
         Its place in the chain, set by the catalogue.
+    scatters : bool
+        Whether its strength differs from run to run by chance, with a standard deviation that is estimated.
     """
 
     id: str
@@ -296,6 +298,7 @@ class Effect:
     in_flight: InFlight | None = None
     surroundings: bool = False
     order: int = 0
+    scatters: bool = False
 
     @property
     def of_sensor(self) -> bool:

@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 from shockrig.analysis.estimate.arrow import Arrow
 from shockrig.analysis.estimate.channel import Channel, as_single_samples
 from shockrig.analysis.estimate.model import LEAST_TRIGGER_OFFSET_S, TRIGGER, Model, Point, Structure
-from shockrig.analysis.estimate.problem import OwnRates, Problem, likeliest, prior_cost, restriction
+from shockrig.analysis.estimate.problem import (
+    OwnRates,
+    Problem,
+    likeliest,
+    likeliest_strength,
+    prior_cost,
+    restriction,
+)
 from shockrig.analysis.estimate.quantity import RunEffect
 from shockrig.analysis.physics.chain import at_jump, evaluate
 
@@ -47,6 +54,8 @@ class Fit:
         -2 log marginal likelihood up to a constant that all models of the problem share.
     rate_scatter : float
         Run-to-run scatter of the rate that the fit settled on.
+    strength_scatter : float
+        Likewise of the strength of the effect that differs from run to run, relative; 1 where none does.
     residual : ndarray (R, n)
         y - f [channel's unit]; zero where a bin is empty.
     arrow : Arrow
@@ -63,6 +72,7 @@ class Fit:
     objective: float
     deviance: float
     rate_scatter: float
+    strength_scatter: float
     residual: Array
     arrow: Arrow
     converged: bool
@@ -92,6 +102,10 @@ class Fit:
         """{effect: {parameter: (value, standard uncertainty)}} in the parameters' own units."""
         return self.model.values(self.theta, self.covariance)
 
+    def on_its_scatters(self, problem: Problem) -> Problem:
+        """A problem with the scatters that the fit settled on."""
+        return problem.with_rate_scatter(self.rate_scatter).with_strength_scatter(self.strength_scatter)
+
     def own_rates(self) -> OwnRates:
         """What each run alone says of its rate."""
         return _own_rates(self.arrow, self.deviations, self.model)
@@ -101,15 +115,17 @@ class Fit:
         arrow, pull = self._free(self.arrow)
         return arrow.scores(columns, problem.whiten(self.residual), self.deviations, pull)
 
-    def score_variances(self, problem: Problem, columns: Array, beside: Arrow) -> tuple[Array, Array]:
-        """Scores and their variances alone.
+    def score_variances(
+        self, problem: Problem, columns: Array, beside: Arrow, groups: Array | None = None
+    ) -> tuple[Array, Array]:
+        """Scores and their variances alone, see `Arrow.score_variances`.
 
         `beside` replaces the fit's arrow: one with more random effects than its own (behind these), or other weights.
         """
         arrow, pull = self._free(beside)
         more = arrow.weight.shape[1] - self.deviations.shape[1]
         deviations = np.pad(self.deviations, ((0, 0), (0, more)))
-        return arrow.score_variances(columns, problem.whiten(self.residual), deviations, pull)
+        return arrow.score_variances(columns, problem.whiten(self.residual), deviations, pull, groups)
 
     def _free(self, arrow: Arrow) -> tuple[Arrow, Array]:
         """An arrow of this model, and the prior's pull, without what of theta stands at a bound: it cannot follow, and
@@ -154,14 +170,15 @@ def _linearise(problem: Problem, model: Model, point: Point, hold_theta: bool = 
     channel, theta = problem.channel, point.theta
     rates, step = channel.rates, model.steps()
     run_step = np.array(channel.quantity.run_steps)
-    free, width = 0 if hold_theta else model.behind.start - rates, run_step.size
-    count = 1 + free + width
+    moved = [k for k in range(run_step.size) if k != RunEffect.STRENGTH or model.structure.scattering]
+    free = 0 if hold_theta else model.behind.start - rates
+    count = 1 + free + len(moved)
     thetas = np.tile(theta, (count, 1))
     deviations = np.tile(point.deviations, (count, 1, 1))
     for k in range(free):
         thetas[1 + k, rates + k] += step[rates + k]
-    for k in range(width):
-        deviations[1 + free + k, :, k] += run_step[k]
+    for place, k in enumerate(moved, start=1 + free):
+        deviations[place, :, k] += run_step[k]
     chain = model.chain(Point(thetas, deviations))
     f = np.broadcast_to(evaluate(chain, channel.quantity.reading), (count, *channel.time_s.shape))
     mute = at_jump(chain)
@@ -173,7 +190,8 @@ def _linearise(problem: Problem, model: Model, point: Point, hold_theta: bool = 
     columns[..., count] = channel.value
     whitened = problem.whiten(columns)
     base = whitened[..., 0]
-    run_jacobian = (whitened[..., 1 + free : count] - base[..., None]) / run_step
+    run_jacobian = np.zeros((*base.shape, run_step.size))
+    run_jacobian[..., moved] = (whitened[..., 1 + free : count] - base[..., None]) / run_step[moved]
     jacobian = np.zeros((*base.shape, theta.size))
     if not hold_theta:
         jacobian[..., :rates] = run_jacobian[..., RunEffect.RATE, None] * channel.interpolation[:, None, :]
@@ -181,8 +199,8 @@ def _linearise(problem: Problem, model: Model, point: Point, hold_theta: bool = 
             rates : rates + free
         ]
         for k, one in enumerate(model.shared, start=rates + free):
-            moved = sum(run_jacobian[..., effect] for effect in one.moves)
-            jacobian[..., k] = moved * one.acts(channel)[:, None]
+            common = sum(run_jacobian[..., effect] for effect in one.moves)
+            jacobian[..., k] = common * one.acts(channel)[:, None]
     return Linearised(point, f[0], jacobian, run_jacobian, whitened[..., count] - base, mute.sum(axis=1))
 
 
@@ -227,7 +245,7 @@ def fit(
     tolerance : float
         Drop of the objective at which a fit ends.
     adapt_scatter : bool
-        Whether the scatter of the rate is estimated along (as a variance component with its prior), or held.
+        Whether the scatters of the rate and of a strength are estimated along (as variance components), or held.
     hold_theta : bool
         Only the runs' deviations are fitted: what a run says of its own start and airs under a given model.
     """
@@ -241,7 +259,7 @@ def go_on(problem: Problem, found: Fit, iterations: int) -> Fit:
     """A fit that was left early, carried on for so many steps at most."""
     if found.converged:
         return found
-    return _descend(problem.with_rate_scatter(found.rate_scatter), found.model, found.at, iterations)
+    return _descend(found.on_its_scatters(problem), found.model, found.at, iterations)
 
 
 def _descend(
@@ -290,9 +308,9 @@ def _descend(
         arrow = at.arrow(problem, model)
         damping = max(damping / 8, 1e-9)
         if adapt_scatter:
-            scatter = likeliest(_own_rates(arrow, at.point.deviations, model), problem.rate_scatter_limit)
-            if abs(np.log(scatter / problem.rate_scatter)) >= ADAPTED_FROM:
-                problem = problem.with_rate_scatter(scatter)
+            adapted = _adapted(problem, model, arrow, at.point.deviations)
+            if adapted is not problem:
+                problem = adapted
                 objective, arrow = at.objective(problem, model), at.arrow(problem, model)
                 continue
         # Where the model is plainly wrong, the last digits of its misfit tell nothing.
@@ -313,12 +331,28 @@ def _longest_run_steps(problem: Problem) -> Array:
     return longest
 
 
+def _adapted(problem: Problem, model: Model, arrow: Arrow, deviations: Array) -> Problem:
+    """The problem with the scatters that the runs make most likely; itself where those are about what it has."""
+    scatter = likeliest(_own_rates(arrow, deviations, model), problem.rate_scatter_limit)
+    if abs(np.log(scatter / problem.rate_scatter)) >= ADAPTED_FROM:
+        problem = problem.with_rate_scatter(scatter)
+    if model.structure.scattering:
+        own = _own(arrow, deviations, RunEffect.STRENGTH)
+        scatter = likeliest_strength(OwnRates(*own, np.zeros_like(model.channel.ambient)))
+        if abs(np.log(scatter / problem.strength_scatter)) >= ADAPTED_FROM:
+            problem = problem.with_strength_scatter(scatter)
+    return problem
+
+
 def _own_rates(arrow: Arrow, deviations: Array, model: Model) -> OwnRates:
-    """Each run's information and estimate of its rate, the prior taken off again."""
-    weight = arrow.weight[:, RunEffect.RATE]
-    information = np.maximum(1.0 / arrow.run_variances()[:, RunEffect.RATE] - weight, 1e-9)
-    own = deviations[:, RunEffect.RATE] * (information + weight) / information
-    return OwnRates(own, 1.0 / np.sqrt(information), model.channel.ambient)
+    return OwnRates(*_own(arrow, deviations, RunEffect.RATE), model.channel.ambient)
+
+
+def _own(arrow: Arrow, deviations: Array, effect: RunEffect) -> tuple[Array, Array]:
+    """Each run's estimate of a random effect and its standard uncertainty (R,), the prior taken off again."""
+    weight = arrow.weight[:, effect]
+    information = np.maximum(1.0 / arrow.run_variances()[:, effect] - weight, 1e-9)
+    return deviations[:, effect] * (information + weight) / information, 1.0 / np.sqrt(information)
 
 
 def _finished(problem: Problem, model: Model, at: Linearised, arrow: Arrow, objective: float, converged: bool) -> Fit:
@@ -336,6 +370,7 @@ def _finished(problem: Problem, model: Model, at: Linearised, arrow: Arrow, obje
         objective=objective,
         deviance=objective + complexity + float(prior_cost(np.array(problem.rate_scatter))),
         rate_scatter=problem.rate_scatter,
+        strength_scatter=problem.strength_scatter,
         residual=np.where(problem.channel.count > 0, problem.channel.value - at.prediction, 0.0),
         arrow=arrow,
         converged=converged,

@@ -162,6 +162,11 @@ class Structure:
         return tuple(effect.id for effect in self.effects)
 
     @cached_property
+    def scattering(self) -> str:
+        """The id of the effect whose strength differs from run to run; empty where none does."""
+        return next((effect.id for effect in self.effects if effect.scatters), "")
+
+    @cached_property
     def parameters(self) -> tuple[tuple[Effect, Parameter], ...]:
         """Those that are fitted, in the order of theta behind the rates."""
         held = {(h.effect, h.parameter) for h in self.held}
@@ -317,6 +322,7 @@ class Model:
             air_offset=deviations[..., RunEffect.SOURCE],
             die_c=channel.die_c,
             before=before,
+            by_chance=deviations[..., RunEffect.STRENGTH],
             ramp_s=_slowed_s(channel),
         )
         values: dict[str, dict[str, Array]] = {effect.id: {} for effect in self.structure.effects}

@@ -22,13 +22,14 @@ Array = NDArray[np.float64]
 # Runs differ a little: relative scatter of the rate from run to run, before the data say otherwise.
 RATE_SCATTER = 0.004
 RATE_SCATTER_WEIGHT = 2.0  # in runs: how strongly the data must contradict it
+STRENGTHS_TRIED = np.geomspace(0.02, 5.0, 41)  # relative scatters of an effect's strength from run to run
 RATE_SCATTER_LIMIT = 0.03  # beyond this, runs do not differ a little: the model is wrong
 UNVENTILATED_LIMIT = 0.5  # where nobody recorded the airflow, runs may differ as much as airflows do
 
 
 @dataclass(frozen=True)
 class OwnRates:
-    """What each run alone says of its ln rate, less the joint one: value and standard uncertainty (R,), its ambient."""
+    """What each run alone says of a random effect, mostly its ln rate, less the joint one: value and standard uncertainty (R,), its ambient."""
 
     own: Array
     spread: Array
@@ -43,7 +44,12 @@ def prior_cost(scatter: Array) -> Array:
 
 def cost(trials: Array, parts: Iterable[OwnRates]) -> Array:
     """-2 log posterior of trial scatters (T,), up to a constant, from all parts together."""
-    total = prior_cost(trials)
+    return prior_cost(trials) + restricted(trials, parts)
+
+
+def restricted(trials: Array, parts: Iterable[OwnRates]) -> Array:
+    """-2 log restricted likelihood of trial scatters (T,), up to a constant, from all parts together."""
+    total = np.zeros(trials.shape)
     for part in parts:
         weight = 1.0 / (trials[:, None] ** 2 + part.spread**2)
         for g in np.unique(part.ambient):
@@ -71,6 +77,11 @@ def likeliest(part: OwnRates, limit: float = RATE_SCATTER_LIMIT) -> float:
     """The scatter, up to a limit, that one part's runs make most likely."""
     trials = np.geomspace(0.2 * RATE_SCATTER, limit, 41)
     return float(trials[np.argmin(cost(trials, [part]))])
+
+
+def likeliest_strength(part: OwnRates) -> float:
+    """The scatter of an effect's strength that its runs make most likely."""
+    return float(STRENGTHS_TRIED[np.argmin(restricted(STRENGTHS_TRIED, [part]))])
 
 
 def posterior_scatter(parts: Iterable[OwnRates], limit: float = RATE_SCATTER_LIMIT) -> float:
@@ -110,6 +121,7 @@ class Problem:
         """Random effects (R, U) whose size was stated: nobody can be off from what nobody recorded."""
         c = self.channel.conditions
         known = np.ones(self.scatter.shape, dtype=bool)
+        known[:, RunEffect.STRENGTH] = False
         known[:, RunEffect.START] = c.start_known
         known[:, RunEffect.SOURCE] = known[:, RunEffect.DESTINATION] = c.airs_known
         return known
@@ -128,6 +140,17 @@ class Problem:
         """With another scatter of ln rate."""
         scatter = self.scatter.copy()
         scatter[:, RunEffect.RATE] = rate_scatter
+        return replace(self, scatter=scatter)
+
+    @property
+    def strength_scatter(self) -> float:
+        """Scatter of an effect's strength from run to run, relative, where one differs so."""
+        return float(self.scatter[0, RunEffect.STRENGTH])
+
+    def with_strength_scatter(self, strength_scatter: float) -> Problem:
+        """With another scatter of an effect's strength."""
+        scatter = self.scatter.copy()
+        scatter[:, RunEffect.STRENGTH] = strength_scatter
         return replace(self, scatter=scatter)
 
     @cached_property
@@ -156,6 +179,7 @@ def make_problem(
     scatter = np.empty((channel.runs, quantity.run_effects))
     scatter[:, RunEffect.START] = c.start_scatter_s
     scatter[:, RunEffect.RATE] = rate_scatter
+    scatter[:, RunEffect.STRENGTH] = 1.0
     scatter[:, RunEffect.SOURCE] = np.hypot(source, extra)
     scatter[:, RunEffect.DESTINATION] = np.hypot(destination, extra)
     if quantity.run_effects > RunEffect.DESTINATION_C:

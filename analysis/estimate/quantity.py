@@ -26,6 +26,7 @@ ChannelName = Literal["temperature", "humidity"]
 class RunEffect(IntEnum):
     """Columns of a run's random effects: how late it starts [s], ln of its rate, and how far its airs are off.
 
+    STRENGTH is by how much the one effect of the model that differs from run to run is stronger than usual, relative.
     Where the air was measured, DESTINATION is how far off the air was that the sensor had settled to before its record.
     """
 
@@ -33,10 +34,11 @@ class RunEffect(IntEnum):
     RATE = 1
     SOURCE = 2
     DESTINATION = 3
-    DESTINATION_C = 4
+    STRENGTH = 4
+    DESTINATION_C = 5
 
 
-RUN_EFFECT_NAMES = ("start", "rate", "source", "destination", "destination temperature")
+RUN_EFFECT_NAMES = ("start", "rate", "source", "destination", "strength", "destination temperature")
 
 
 @dataclass(frozen=True)
@@ -191,7 +193,7 @@ TEMPERATURE = Quantity(
     air_fields=("source_c", "destination_c"),
     rise=(15.0, 25.0),
     pooled=True,
-    run_steps=(1e-4, 1e-4, 1e-3, 1e-3),
+    run_steps=(1e-4, 1e-4, 1e-3, 1e-3, 1e-3),
     reading=temperature_reading,
     airs=_temperature_airs,
     step=_temperature_step,
@@ -218,7 +220,7 @@ HUMIDITY = Quantity(
     air_fields=("source_percent", "destination_percent"),
     rise=(40.0, 60.0),
     pooled=False,
-    run_steps=(1e-4, 1e-4, 1e-2, 1e-2, 1e-3),
+    run_steps=(1e-4, 1e-4, 1e-2, 1e-2, 1e-3, 1e-3),
     reading=humidity_reading,
     airs=_humidity_airs,
     step=_taken_up,

@@ -104,6 +104,8 @@ class Chain:
         What is added to a measured air [the channel's unit]: its reference's own error.
     before : ndarray (B, R) or None
         What is added to the first sample of a measured air, which the sensor had settled to when its record began.
+    by_chance : ndarray (B, R) or 0
+        By how much the effect that differs from run to run is stronger in each run, relative.
     die_c : ndarray (R, n)
         The sensor's own temperature at the readings; NaN where there is none.
     time_s : ndarray (B, R, n)
@@ -154,6 +156,7 @@ class Chain:
     air_offset: Array
     die_c: Array
     before: Array | None = None
+    by_chance: Array | float = 0.0
     ramp_s: Array | None = None
     rooms: tuple[RoomAir, ...] = ()
     biot: Array | None = None

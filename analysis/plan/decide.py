@@ -105,7 +105,7 @@ def _if_true_beside(look: ChannelLook, i: int, now: Array, shocks: Sequence[Plan
     """ln E (M,) that a second probe would add against the most hurt rival of explanation i."""
     assert look.problem is not None and look.noise is not None and look.verdict.dispute is not None
     problem, true = look.problem, look.rivals[i]
-    new = imagined(problem.with_rate_scatter(true.rate_scatter), look.noise, shocks, problem.channel.ambients_c)
+    new = imagined(true.on_its_scatters(problem), look.noise, shocks, problem.channel.ambients_c)
     at_rest = new.channel.at_rest()
     common = frozenset.intersection(*(frozenset(rival.structure.ids) for rival in look.rivals))
     structure, places, _ = _beside(true, common)
@@ -143,7 +143,7 @@ def _if_true(look: ChannelLook, i: int, now: Array, shocks: Sequence[PlannedShoc
     """ln E (M,) that runs would add against the most hurt rival of explanation i."""
     assert look.problem is not None and look.noise is not None and look.verdict.dispute is not None
     problem, true = look.problem, look.rivals[i]
-    new = imagined(problem.with_rate_scatter(true.rate_scatter), look.noise, shocks, problem.channel.ambients_c)
+    new = imagined(true.on_its_scatters(problem), look.noise, shocks, problem.channel.ambients_c)
     at_rest = new.channel.at_rest()
     truth, own = linearise(new, true.structure, Point(true.theta, at_rest))
     every = range(true.theta.size)

@@ -247,7 +247,7 @@ def information(
     theta[place] = found.theta
     if more:
         theta[new] = rates_at(channel.ambients_c, found.theta[rates], ambients[new])
-    imaginary = imagined(problem.with_rate_scatter(found.rate_scatter), noise, shocks, ambients)
+    imaginary = imagined(found.on_its_scatters(problem), noise, shocks, ambients)
     _, arrow = linearise(imaginary, found.structure, Point(theta, imaginary.channel.at_rest()))
     prior = np.diag(found.model.on(imaginary.channel).priors()[1])
     added = np.stack([one.normal - prior for one in each_run(arrow)])
@@ -270,7 +270,7 @@ def separations(problem: Problem, noise: Noise, true: Fit, rival: Fit, shocks: S
     nothing of either.
     """
     channel = problem.channel
-    new = imagined(problem.with_rate_scatter(rival.rate_scatter), noise, shocks, channel.ambients_c)
+    new = imagined(rival.on_its_scatters(problem), noise, shocks, channel.ambients_c)
     at_rest = new.channel.at_rest()
     truth = true.model.on(new.channel).predict(Point(true.theta, at_rest))[0]
     there, arrow = linearise(new, rival.structure, Point(rival.theta, at_rest))
