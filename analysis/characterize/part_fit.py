@@ -369,9 +369,9 @@ def fitted_effects(extension: Extension, part: Part) -> tuple[StatedEffect, ...]
 
 def fitted_discovered(extension: Extension, part: Part) -> tuple[Discovered, ...]:
     """The extension's described effects with the numbers of a fit."""
-    values, fitted = part.fit.values(), []
+    fitted = []
     for one in extension.discovered:
         entry = entry_of(one, part.channel.name)
         if entry is not None:
-            fitted.append(with_values(one, entry, values[entry.id]))
+            fitted.append(with_values(one, entry, part.fit.values_of(entry)))
     return tuple(fitted)

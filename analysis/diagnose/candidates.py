@@ -13,7 +13,7 @@ from math import log
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.diagnose.grammar import by_chance, forms, kin, starts_of, varied
+from shockrig.analysis.diagnose.grammar import SCALING, by_chance, forms, kin, starts_of, varied
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.behaviours import (
@@ -47,7 +47,9 @@ def log_prior(effect: Effect, channel: Channel, looks: int) -> float:
     if not is_described(effect.id):
         return -against - 0.5 * effect.rarity(channel)
     on = form_of(effect.id).depends_on
-    against += level("form") + level("factor") * sum(one[1] in SCALES or one in (SPREAD, SCATTER) for one in on)
+    more = sum(one[1] in SCALES or one in (SPREAD, SCATTER) for one in on)
+    # A second condition is one of all that are tried beside the first.
+    against += level("form") + level("factor") * more + log(len(SCALING)) * max(more - 1, 0)
     # One form for each run that a change may begin at, and two for each that may part a group from the others.
     against += log(2.0 * channel.runs) * sum(is_group(how) for _, how in on)
     return -against - log(channel.runs) * sum(is_step(how) for _, how in on)

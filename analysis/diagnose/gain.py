@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 # What stands at a limit stays there, and the rest of the run is placed anew beside it.
 
 PLACED_WITHIN = 2.0  # standard uncertainties
-NO_SCATTER = 1e-6  # of a strength, relative
+NO_SCATTER = 1e-9  # of a strength
 FREE_LIMIT = 10.0  # likewise, of what nobody recorded
 NEWTON_STEPS = 8  # of Gauss and Newton within the limits
 TINY_SIZE = 1e-12

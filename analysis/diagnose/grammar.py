@@ -269,9 +269,9 @@ def _stated(problem: Problem, found: Search, final: Fit, effect: Effect) -> Disc
     for one, _ in instead:
         new = [e for e in one.fit.structure.effects if e.id not in found.best.ids]
         if id(one) in tied and len(new) == 1 and is_described(new[0].id):
-            alternatives.append(replace(discovered_of(new[0], one.fit.values()[new[0].id]), seen_over={}))
+            alternatives.append(replace(discovered_of(new[0], one.fit.values_of(new[0])), seen_over={}))
     return replace(
-        discovered_of(effect, final.values()[effect.id]),
+        discovered_of(effect, final.values_of(effect)),
         does_not_depend_on=_independent(problem, final, effect),
         alternatives=tuple(alternatives[:MOST_ALTERNATIVES]),
         nearest_catalogued=_nearest(problem, found, effect, instead),
@@ -329,7 +329,7 @@ def _nearest(problem: Problem, found: Search, effect: Effect, instead: list[tupl
             if likeness <= 0.0:
                 return None
             if one in found.tied():
-                return None  # it is told among what the runs do not tell apart
+                return Likeness(new[0], round(likeness, 3))  # nothing says that it is not this one
             return Likeness(new[0], round(likeness, 3), f"with it unseen runs are e^{behind:.3g} times less likely")
     return None
 

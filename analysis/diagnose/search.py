@@ -371,7 +371,7 @@ class Race:
         return sorted(tried, key=lambda r: -r.value)
 
     def _in_its_group(self, near: Rated, effect: str) -> str:
-        """The candidate that goes on where one was begun: itself, or its form in a group of runs that suits it better."""
+        """What goes on where a candidate was begun: itself, or its form in a group of runs that suits it better."""
         place = self.beside(near)
         if not is_described(effect) or not any(is_group(how) for _, how in form_of(effect).depends_on):
             return effect
@@ -429,9 +429,20 @@ class Race:
                 place.ended.add(effect)
         firsts = [place.fits[effect][0] for effect in runners]
         ends = [one for one, effect in zip(firsts, runners, strict=True) if effect in place.ended or one.fit.converged]
-        ends = [self.keep(one) for one in ends if sound(one.fit, one.ids - self.fixed)]
+        ends = [one for end in ends if (one := self._sound_part(near, end)) is not None]
         self.done[key] = max(ends, key=lambda r: r.value) if ends else None
         return self.done[key]
+
+    def _sound_part(self, near: Rated, one: Rated) -> Rated | None:
+        """A model as it is kept, if it is sound; where what it gains leaves nothing to an effect that was there before,
+        without that one."""
+        if sound(one.fit, one.ids - self.fixed):
+            return self.keep(one)
+        idle = [id_ for id_ in sorted(near.ids - self.fixed) if not sound(one.fit, {id_})]
+        if one.value <= near.value or len(idle) != 1:
+            return None
+        less = self.without(one, idle[0])
+        return less if sound(less.fit, less.ids - self.fixed) else None
 
     def with_one(self, near: Rated, among: Sequence[Candidate]) -> Rated:
         """The better of a model and the best sound one with a candidate more."""

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.effect import DIFFERS_BY
 from shockrig.analysis.physics.chain import Chain, Recorded, RoomAir
 from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, Conditions
 from shockrig.analysis.physics.humidity import dew_point_c, saturation_pressure_hpa
@@ -120,7 +121,8 @@ USUAL_MARGIN_K = 10.0  # of dew
 SCALES = frozenset({"power", "exponential", "ratio"})  # ways in which a condition scales a strength
 SPREAD: Factor = ("history", "spread")  # not one time constant, but several, evenly spread in their logarithm
 SPREAD_OVER = np.linspace(-1.0, 1.0, 7)  # times the factor's number: logarithms of the time constants over their middle
-SCATTER: Factor = ("run_order", "scatter")  # stronger in one run than in another, by chance
+SCATTER: Factor = (DIFFERS_BY, "scatter")  # stronger in one run than in another, by chance
+TINY_STRENGTH = 1e-9
 LEAST_STEP = 0.1  # share of a usual step
 PPM = 1e-6  # of the time that a run has lasted, by which a delay grows
 
@@ -192,6 +194,13 @@ def _in_group(how: str, order: Array) -> NDArray[np.bool_]:
     return late if how.startswith(ONLY_FROM) else ~late
 
 
+def differs_in(form: Form) -> str:
+    """The parameter that a condition scales: a strength, or a time constant; empty for the body's own rate."""
+    if form.behaves_as == "lag_in_series" and form.driver != "airflow":
+        return "time_constant_s"
+    return "" if form.behaves_as == "rate_change" and ("history", "linear") not in form.depends_on else "size"
+
+
 def scaling(factor: str, how: str, conditions: Conditions, jumps: bool, value: Array) -> Array:
     """By what a strength is multiplied in each run (B, R) for values (B, 1) of a factor's number."""
     c = conditions
@@ -237,7 +246,8 @@ def _scale(form: Form, chain: Chain, p: Arrays) -> Array:
         elif is_group(how):
             out = out * _in_group(how, chain.channel.conditions.order)
         elif (factor, how) == SCATTER:
-            out = out * (1.0 + np.asarray(chain.by_chance))
+            usual = p[differs_in(form)] if differs_in(form) else np.ones((1, 1))
+            out = out * (1.0 + chain.by_chance / np.where(np.abs(usual) > TINY_STRENGTH, usual, TINY_STRENGTH))
         elif how == "dew_margin":
             out = out * dew_margin_k(chain.channel.conditions) / USUAL_MARGIN_K
     return out

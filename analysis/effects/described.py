@@ -21,6 +21,7 @@ from shockrig.analysis.effects.behaviours import (
     USUAL_C,
     Form,
     acting,
+    differs_in,
     form_of,
     is_step,
     late_by,
@@ -173,6 +174,7 @@ def described(key: str, jumps: bool) -> Effect:
         in_flight=flown(form) if of_sensor(form) else None,
         order=ORDER_AFTER_CATALOGUE,
         scatters=SCATTER in form.depends_on,
+        differs_in=differs_in(form),
     )
 
 

@@ -25,6 +25,7 @@ Values = Mapping[str, float]
 Arrays = Mapping[str, NDArray[np.float64]]  # of candidates, each (B, 1)
 RARE_PENALTY = 8.0  # added to the penalty of what real benches hardly ever have: odds of one in fifty
 
+DIFFERS_BY = "run_order"  # the factor by which a strength that differs by chance is said to do so
 WITHIN_ENDS = 2.0  # a start's ratio to the ends of its range, at least
 
 
@@ -281,6 +282,8 @@ class Effect:
         Its place in the chain, set by the catalogue.
     scatters : bool
         Whether its strength differs from run to run by chance, with a standard deviation that is estimated.
+    differs_in : str
+        The parameter that does; empty where it is a factor of the body's rate.
     """
 
     id: str
@@ -299,6 +302,7 @@ class Effect:
     surroundings: bool = False
     order: int = 0
     scatters: bool = False
+    differs_in: str = ""
 
     @property
     def of_sensor(self) -> bool:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.arrow import Arrow
 from shockrig.analysis.estimate.channel import Channel, as_single_samples
+from shockrig.analysis.estimate.effect import DIFFERS_BY, Effect
 from shockrig.analysis.estimate.model import LEAST_TRIGGER_OFFSET_S, TRIGGER, Model, Point, Structure
 from shockrig.analysis.estimate.problem import (
     OwnRates,
@@ -34,6 +35,7 @@ DEVIATION_FACTOR = 0.35  # a run's random effects go that much less far at each
 LONGEST_RUN_STEP = 20.0  # of a run's random effects, in standard deviations
 LAST_DIGITS, FIRST_DIGITS = 2e-4, 1e-3  # of a misfit, by which a step must lower it where the model is wrong
 FAR_OFF = 10.0  # objective per bin from which the first digits do
+TINY_STRENGTH = 1e-9  # of an effect that is none
 ADAPTED_FROM = 0.06  # relative change of the rates' scatter from which on it is taken over
 
 
@@ -55,7 +57,7 @@ class Fit:
     rate_scatter : float
         Run-to-run scatter of the rate that the fit settled on.
     strength_scatter : float
-        Likewise of the strength of the effect that differs from run to run, relative; 1 where none does.
+        Likewise of the strength of the effect that differs from run to run; 1 where none does.
     residual : ndarray (R, n)
         y - f [channel's unit]; zero where a bin is empty.
     arrow : Arrow
@@ -101,6 +103,16 @@ class Fit:
     def values(self) -> dict[str, dict[str, tuple[float, float]]]:
         """{effect: {parameter: (value, standard uncertainty)}} in the parameters' own units."""
         return self.model.values(self.theta, self.covariance)
+
+    def values_of(self, effect: Effect) -> dict[str, tuple[float, float]]:
+        """One effect's {parameter: (value, standard uncertainty)}, and by how much its strength differs from run to run
+        where it does."""
+        own = self.values()[effect.id]
+        if not effect.scatters:
+            return own
+        usual, degrees = abs(own.get(effect.differs_in, (1.0, 0.0))[0]), max(self.model.channel.runs - 1, 1)
+        scatter = self.strength_scatter / max(usual, TINY_STRENGTH)
+        return own | {DIFFERS_BY: (scatter, scatter / float(np.sqrt(2.0 * degrees)))}
 
     def on_its_scatters(self, problem: Problem) -> Problem:
         """A problem with the scatters that the fit settled on."""
@@ -308,7 +320,7 @@ def _descend(
         arrow = at.arrow(problem, model)
         damping = max(damping / 8, 1e-9)
         if adapt_scatter:
-            adapted = _adapted(problem, model, arrow, at.point.deviations)
+            adapted = _adapted(problem, model, arrow, at.point)
             if adapted is not problem:
                 problem = adapted
                 objective, arrow = at.objective(problem, model), at.arrow(problem, model)
@@ -331,14 +343,15 @@ def _longest_run_steps(problem: Problem) -> Array:
     return longest
 
 
-def _adapted(problem: Problem, model: Model, arrow: Arrow, deviations: Array) -> Problem:
+def _adapted(problem: Problem, model: Model, arrow: Arrow, at: Point) -> Problem:
     """The problem with the scatters that the runs make most likely; itself where those are about what it has."""
-    scatter = likeliest(_own_rates(arrow, deviations, model), problem.rate_scatter_limit)
+    scatter = likeliest(_own_rates(arrow, at.deviations, model), problem.rate_scatter_limit)
     if abs(np.log(scatter / problem.rate_scatter)) >= ADAPTED_FROM:
         problem = problem.with_rate_scatter(scatter)
-    if model.structure.scattering:
-        own = _own(arrow, deviations, RunEffect.STRENGTH)
-        scatter = likeliest_strength(OwnRates(*own, np.zeros_like(model.channel.ambient)))
+    if (effect := model.structure.scattering) is not None:
+        own = _own(arrow, at.deviations, RunEffect.STRENGTH)
+        usual = abs(model.choice(at.theta).get(f"{effect.id}.{effect.differs_in}", 1.0))
+        scatter = likeliest_strength(OwnRates(*own, np.zeros_like(model.channel.ambient)), max(usual, TINY_STRENGTH))
         if abs(np.log(scatter / problem.strength_scatter)) >= ADAPTED_FROM:
             problem = problem.with_strength_scatter(scatter)
     return problem

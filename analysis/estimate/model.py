@@ -162,9 +162,9 @@ class Structure:
         return tuple(effect.id for effect in self.effects)
 
     @cached_property
-    def scattering(self) -> str:
-        """The id of the effect whose strength differs from run to run; empty where none does."""
-        return next((effect.id for effect in self.effects if effect.scatters), "")
+    def scattering(self) -> Effect | None:
+        """The effect whose strength differs from run to run; None where none does."""
+        return next((effect for effect in self.effects if effect.scatters), None)
 
     @cached_property
     def parameters(self) -> tuple[tuple[Effect, Parameter], ...]:

@@ -29,7 +29,8 @@ UNVENTILATED_LIMIT = 0.5  # where nobody recorded the airflow, runs may differ a
 
 @dataclass(frozen=True)
 class OwnRates:
-    """What each run alone says of a random effect, mostly its ln rate, less the joint one: value and standard uncertainty (R,), its ambient."""
+    """What each run alone says of a random effect, mostly its ln rate, less the joint one: value and standard
+    uncertainty (R,), its ambient."""
 
     own: Array
     spread: Array
@@ -79,9 +80,10 @@ def likeliest(part: OwnRates, limit: float = RATE_SCATTER_LIMIT) -> float:
     return float(trials[np.argmin(cost(trials, [part]))])
 
 
-def likeliest_strength(part: OwnRates) -> float:
-    """The scatter of an effect's strength that its runs make most likely."""
-    return float(STRENGTHS_TRIED[np.argmin(restricted(STRENGTHS_TRIED, [part]))])
+def likeliest_strength(part: OwnRates, usual: float) -> float:
+    """The scatter of an effect's strength about what it is usually that its runs make most likely."""
+    trials = usual * STRENGTHS_TRIED
+    return float(trials[np.argmin(restricted(trials, [part]))])
 
 
 def posterior_scatter(parts: Iterable[OwnRates], limit: float = RATE_SCATTER_LIMIT) -> float:
@@ -144,7 +146,7 @@ class Problem:
 
     @property
     def strength_scatter(self) -> float:
-        """Scatter of an effect's strength from run to run, relative, where one differs so."""
+        """Scatter of an effect's strength from run to run, where one differs so."""
         return float(self.scatter[0, RunEffect.STRENGTH])
 
     def with_strength_scatter(self, strength_scatter: float) -> Problem:

@@ -26,7 +26,8 @@ ChannelName = Literal["temperature", "humidity"]
 class RunEffect(IntEnum):
     """Columns of a run's random effects: how late it starts [s], ln of its rate, and how far its airs are off.
 
-    STRENGTH is by how much the one effect of the model that differs from run to run is stronger than usual, relative.
+    STRENGTH is by how much the one effect of the model that differs from run to run is stronger than usual, in the unit
+    of its strength.
     Where the air was measured, DESTINATION is how far off the air was that the sensor had settled to before its record.
     """
 

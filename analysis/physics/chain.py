@@ -105,7 +105,7 @@ class Chain:
     before : ndarray (B, R) or None
         What is added to the first sample of a measured air, which the sensor had settled to when its record began.
     by_chance : ndarray (B, R) or 0
-        By how much the effect that differs from run to run is stronger in each run, relative.
+        By how much the effect that differs from run to run is stronger in each run.
     die_c : ndarray (R, n)
         The sensor's own temperature at the readings; NaN where there is none.
     time_s : ndarray (B, R, n)

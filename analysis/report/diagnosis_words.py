@@ -9,7 +9,7 @@ from typing import Any
 from shockrig.analysis.diagnose.diagnosed import Cause, ChannelDiagnosis, Diagnosis
 from shockrig.analysis.diagnose.gain import Gain
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.behaviours import ONLY_FROM, SPREAD, form_of, is_group, is_step
+from shockrig.analysis.effects.behaviours import ONLY_FROM, SCATTER, SPREAD, form_of, is_group, is_step
 from shockrig.analysis.effects.described import entry_of, is_described, of_readings, rounded
 from shockrig.analysis.estimate.effect import Parameter
 from shockrig.analysis.estimate.quantity import QUANTITIES
@@ -81,10 +81,9 @@ def sentence(one: Discovered, unit: str) -> str:
         text += f" These runs fit as well: {_listed(others, 'or')}."
     if one.nearest_catalogued is not None:
         near = one.nearest_catalogued
-        text += (
-            f" Of the catalogue, {near.effect.replace('_', ' ')} is most alike ({100 * near.likeness:.0f} %), and is "
-            f"not it: {near.why_not}."
-        )
+        not_it = f"and is not it: {near.why_not}" if near.why_not else "and these runs do not tell the two apart"
+        name = near.effect.replace("_", " ")
+        text += f" Of the catalogue, {name} is most alike ({100 * near.likeness:.0f} %), {not_it}."
     return text
 
 
@@ -155,11 +154,13 @@ def _depends(on: Dependence) -> str:
     if on.value is None:
         return f"{factor} ({on.form.replace('_', ' ')})" if on.form not in ("sign", "linear") else factor
     value = measured(on.value, on.standard_uncertainty or 0.0)
+    if (on.factor, on.form) == SCATTER:
+        return f"chance, by {value} times its size from run to run (one standard deviation)"
     if is_step(on.form):
         return f"{factor} ({value} times as much from the {nth_run(on.form)} run on)"
     how = {
         "power": f"as its power {value}",
-        "exponential": f"a factor exp({value} {EACH[on.factor]})",
+        "exponential": f"a factor exp({value} {EACH.get(on.factor, '')})",
         "ratio": f"{value} times as much downwards",
         "zero_at": f"none at {value}",
         "linear": f"slope {value}",

@@ -18,7 +18,7 @@ from shockrig.analysis.diagnose.remaining import spectrum
 from shockrig.analysis.diagnose.restless import held_out
 from shockrig.analysis.diagnose.search import search
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.behaviours import ONLY_BEFORE, ONLY_FROM, SPREAD, Form, form_of
+from shockrig.analysis.effects.behaviours import ONLY_BEFORE, ONLY_FROM, SCATTER, SPREAD, Form, form_of
 from shockrig.analysis.effects.described import described, discovered_of, entry_of, is_described, stated_values
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import Model, Point, Structure
@@ -152,6 +152,51 @@ def test_what_is_there_in_a_group_of_runs_is_found_and_told_as_such(warm_rates):
     assert "it depends on the order of the runs (only from the 11th run on)" in said
 
 
+def test_a_late_group_is_found_whichever_group_it_was_begun_in(warm_rates):
+    """A lag before the body from the nineteenth run on that hides in the rate of a fit without it: what promises most
+    in another group moves to the one that makes the readings likeliest."""
+    channel = build_plain(warm_rates.problem.channel)
+    form = Form("lag_in_series", "air_temperature", (("run_order", f"{ONLY_FROM}18"),))
+    model = Model(channel, Structure((described(form.key, False),)))
+    late = model.predict(
+        Point(model.start(np.array([np.log(0.3)]), {f"{form.key}.time_constant_s": 2.5}), channel.at_rest())
+    )[0]
+    noise = np.random.default_rng(5).normal(0.0, 0.002, late.shape)
+    found = search(replace(warm_rates.problem, channel=replace(channel, value=late + noise)))
+    assert form.key in found.best.ids and found.probability(form.key) > 0.9
+    assert found.best.fit.values()[form.key]["time_constant_s"][0] == pytest.approx(2.5, abs=0.02)
+
+
+def test_a_strength_that_differs_from_run_to_run_by_chance_is_told_as_such(warm_rates):
+    """A pulse of 0.5 K that is stronger or weaker by two fifths from one run to another, and depends on nothing."""
+    channel = build_plain(warm_rates.problem.channel)
+    drawn = np.random.default_rng(7).standard_normal(channel.runs)
+    drawn = (drawn - drawn.mean()) / drawn.std()
+    pulse = 0.5 * np.exp(-np.maximum(channel.time_s, 0.0) / 5.0) * (channel.time_s > 0) * (1.0 + 0.4 * drawn)[:, None]
+    found = search(replace(warm_rates.problem, channel=replace(channel, value=channel.value + pulse)))
+    (effect,) = [one for one in found.best.fit.structure.effects if is_described(one.id)]
+    form = form_of(effect.id)
+    assert (form.behaves_as, form.driver) == ("added_rate", "none") and form.depends_on == (SCATTER,)
+    values = found.best.fit.values_of(effect)
+    assert values["size"][0] == pytest.approx(0.5, abs=0.03)
+    assert abs(values["run_order"][0] - 0.4) < 3.0 * values["run_order"][1] < 0.2
+    stated = discovered_of(effect, values)
+    assert "it depends on chance, by 0." in sentence(stated, "K")
+    assert (
+        stated_values(stated)["run_order"].value == values["run_order"][0] and entry_of(stated, "temperature").scatters
+    )
+
+
+def test_a_calibration_line_that_is_bent_is_described(warm_rates):
+    """A parabola put into the readings is told from a straight line: 0.3 K at 40 degC, nought at 0 and 20."""
+    channel = build_plain(warm_rates.problem.channel)
+    bent = channel.value + 0.3 / 800.0 * channel.value * (channel.value - 20.0)
+    found = search(replace(warm_rates.problem, channel=replace(channel, value=bent)))
+    (id_,) = [id_ for id_ in found.best.ids if is_described(id_)]
+    assert form_of(id_) == Form("gain", "own_response", (("ambient", "linear"),))
+    assert found.best.fit.values()[id_]["size"][0] == pytest.approx(0.3 / 800.0, rel=0.03)
+
+
 def build_plain(channel):
     """A channel with the readings of a plain sensor under its runs' conditions, and the noise of a quiet one."""
     model = Model(channel, Structure())
@@ -195,6 +240,7 @@ def test_every_form_of_the_grammar_is_data(warm_rates, tmp_path):
         one = discovered_of(effect, values)
         assert entry_of(one, "temperature") is effect
         assert {name: v.value for name, v in stated_values(one).items()} == {k: v for k, (v, _) in values.items()}
+        assert sentence(one, "K").startswith("It behaves as ")
         own = Model(channel, Structure((effect,)))
         changed = own.predict(Point(own.start(np.array([0.0])), channel.at_rest()))[0]
         assert np.isfinite(changed).all() and np.abs(changed - base).max() > 1e-9, form

@@ -85,6 +85,12 @@ def test_scores_are_those_of_the_marginal_model_with_theta_projected_out(case):
     assert normal == pytest.approx(directions.T @ seen @ directions, rel=1e-6)
     alone, variances = arrow.score_variances(columns, residual, deviations, pull)
     assert alone == pytest.approx(right, rel=1e-6) and variances == pytest.approx(np.diag(normal), rel=1e-6)
+    # In a group of runs a column is what it is there, and nothing elsewhere.
+    groups = np.array([np.arange(R) >= 2, np.arange(R) < 1]).astype(float)
+    scores, sizes = arrow.score_variances(columns, residual, deviations, pull, groups)
+    for group, score, size in zip(groups, scores, sizes, strict=True):
+        own, variance = arrow.scores(group[:, None, None] * columns, residual, deviations, pull)
+        assert score == pytest.approx(own, rel=1e-6) and size == pytest.approx(np.diag(variance), rel=1e-6)
 
 
 def test_what_is_off_in_every_run_alike_and_what_random_effects_cannot_hide(case):
