@@ -429,7 +429,7 @@ class Race:
                 place.ended.add(effect)
         firsts = [place.fits[effect][0] for effect in runners]
         ends = [one for one, effect in zip(firsts, runners, strict=True) if effect in place.ended or one.fit.converged]
-        ends = [one for end in ends if (one := self._sound_part(near, end)) is not None]
+        ends = [kept for end in ends if (kept := self._sound_part(near, end)) is not None]
         self.done[key] = max(ends, key=lambda r: r.value) if ends else None
         return self.done[key]
 

@@ -238,8 +238,11 @@ def dew_margin_k(conditions: Conditions) -> Array:
 
 
 def _scale(form: Form, chain: Chain, p: Arrays) -> Array:
-    """Product of all factors that scale, (B, R)."""
-    out = np.ones((1, chain.channel.conditions.airflow_m_s.size))
+    """Product of all factors that scale (B, R), and by what share of the usual strength each run differs by chance.
+
+    That share is added and not multiplied: what conditions do is then no surer or weaker in a run for its own chance.
+    """
+    out, by_chance = np.ones((1, chain.channel.conditions.airflow_m_s.size)), np.zeros((1, 1))
     for factor, how in form.depends_on:
         if how in SCALES or is_step(how):
             out = out * scaling(factor, how, chain.channel.conditions, chain.channel.jumps_with_air, p[factor])
@@ -247,10 +250,10 @@ def _scale(form: Form, chain: Chain, p: Arrays) -> Array:
             out = out * _in_group(how, chain.channel.conditions.order)
         elif (factor, how) == SCATTER:
             usual = p[differs_in(form)] if differs_in(form) else np.ones((1, 1))
-            out = out * (1.0 + chain.by_chance / np.where(np.abs(usual) > TINY_STRENGTH, usual, TINY_STRENGTH))
+            by_chance = chain.by_chance / np.where(np.abs(usual) > TINY_STRENGTH, usual, TINY_STRENGTH)
         elif how == "dew_margin":
             out = out * dew_margin_k(chain.channel.conditions) / USUAL_MARGIN_K
-    return out
+    return np.asarray(out + by_chance)
 
 
 def _driver_step(form: Form, channel: Recorded) -> tuple[Array, Array]:
