@@ -77,7 +77,9 @@ def main(argv: list[str] | None = None) -> None:
             few[kind].append(errors(to_profile(result), truth))
             alone.append(errors(to_profile(characterize(whole)), truth))
             said[kind] += not prior.belongs("humidity")
-            print(f"new {i + 1}", file=sys.stderr, flush=True)
+            print(f"new {i + 1}, {kind}, {prior.belongs('humidity')}", file=sys.stderr)
+            for name, row in (("alone", alone[-1]), ("few", few[kind][-1]), ("with the fleet", rows[kind][-1])):
+                print(f"    {name}: {row}", file=sys.stderr, flush=True)
     print(f"{'':<34}{'sensors':>8}" + "".join(f"{f'u {n}':>9}{'cover':>7}" for n in NAMES) + f"{'all':>7}")
     for name, table in (
         ("33 runs alone", alone),
