@@ -65,13 +65,13 @@ def test_candidates_at_once_read_as_each_by_itself(channels):
     channel = channels["temperature"]
     model = Model(channel, structure_of(LAGGING))
     theta = model.start(np.array([np.log(0.3)]), {f"{e}.{p}": v for e, own in LAGGING.items() for p, v in own.items()})
-    thetas, deviations = np.tile(theta, (12, 1)), np.tile(channel.at_rest(), (12, 1, 1))
+    count = 1 + theta.size + channel.at_rest().shape[-1]
+    thetas, deviations = np.tile(theta, (count, 1)), np.tile(channel.at_rest(), (count, 1, 1))
     for k in range(theta.size):
         thetas[1 + k, k] += 0.01
     for k in range(deviations.shape[-1]):
         deviations[-1 - k, :, k] += 0.01
-    assert 1 + theta.size + deviations.shape[-1] <= 12
-    alone = [model.predict(Point(thetas[i], deviations[i]))[0] for i in range(12)]
+    alone = [model.predict(Point(thetas[i], deviations[i]))[0] for i in range(count)]
     np.testing.assert_allclose(model.predict(Point(thetas, deviations)), alone, rtol=0, atol=1e-12)
 
 
