@@ -17,9 +17,6 @@ from shockrig.analysis.diagnose.grammar import SCALING, by_chance, forms, kin, s
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.behaviours import (
-    SCALES,
-    SCATTER,
-    SPREAD,
     Form,
     form_of,
     forms_of,
@@ -46,8 +43,8 @@ def log_prior(effect: Effect, channel: Channel, looks: int) -> float:
     against = level("effect") + log(max(looks, 1))
     if not is_described(effect.id):
         return -against - 0.5 * effect.rarity(channel)
-    on = form_of(effect.id).depends_on
-    more = sum(one[1] in SCALES or one in (SPREAD, SCATTER) for one in on)
+    form = form_of(effect.id)
+    on, more = form.depends_on, len(form.more)
     # A second condition is one of all that are tried beside the first.
     against += level("form") + level("factor") * more + log(len(SCALING)) * max(more - 1, 0)
     # One form for each run that a change may begin at, and two for each that may part a group from the others.

@@ -16,6 +16,7 @@ from scipy.special import stdtrit
 from shockrig.analysis.diagnose.search import Rated
 from shockrig.analysis.estimate.arrow import Arrow
 from shockrig.analysis.estimate.channel import Channel, as_single_samples
+from shockrig.analysis.estimate.effect import TINY_STRENGTH
 from shockrig.analysis.estimate.fit import Fit, fit, linearise, run_misfit
 from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.estimate.noise import Noise
@@ -31,7 +32,6 @@ Array = NDArray[np.float64]
 # What stands at a limit stays there, and the rest of the run is placed anew beside it.
 
 PLACED_WITHIN = 2.0  # standard uncertainties
-NO_SCATTER = 1e-9  # of a strength
 FREE_LIMIT = 10.0  # likewise, of what nobody recorded
 NEWTON_STEPS = 8  # of Gauss and Newton within the limits
 TINY_SIZE = 1e-12
@@ -42,7 +42,7 @@ SETTLED_STEP = 1e-3  # of the limits: a smaller step is none
 def placed(bins: Problem, found: Fit) -> Array:
     """Random effects (R, U) of runs that a model was not fitted to."""
     # How much stronger an effect is in a run by chance, no other run tells.
-    problem = bins.with_rate_scatter(RATE_SCATTER).with_strength_scatter(NO_SCATTER)
+    problem = bins.with_rate_scatter(RATE_SCATTER).with_strength_scatter(TINY_STRENGTH)
     at, astray = _placed(problem, found)
     if not astray.any():
         return at

@@ -31,12 +31,7 @@ from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.effects.behaviours import (
     ONLY_BEFORE,
     ONLY_FROM,
-    SCALES,
-    SCATTER,
-    SPREAD,
     STEP,
-    Factor,
-    Form,
     form_of,
     forms_of,
     is_group,
@@ -91,7 +86,7 @@ class Rated:
     @property
     def dependences(self) -> int:
         """How many conditions the strengths of its forms depend on, more time constants than one among them."""
-        return sum(len(_more_of(form_of(id_))) for id_ in self.ids if is_described(id_))
+        return sum(len(form_of(id_).more) for id_ in self.ids if is_described(id_))
 
     def holds(self, effect: str) -> bool:
         """Whether it has an effect, or a form that is its law with a strength that depends on something more."""
@@ -108,12 +103,6 @@ def law_of(effect: str) -> str:
     return re.sub(rf"({STEP}|{ONLY_BEFORE})\d+", r"\1n", effect)
 
 
-def _more_of(form: Form) -> list[Factor]:
-    """What a form depends on beyond its behaviour: conditions that scale its strength, chance, several time
-    constants."""
-    return [on for on in form.depends_on if on[1] in SCALES or on in (SPREAD, SCATTER)]
-
-
 @cache
 def _laws_within(effect: str) -> frozenset[str]:
     """An effect's law, and those that a form is with a strength that depends on something more, or with more time
@@ -121,10 +110,9 @@ def _laws_within(effect: str) -> frozenset[str]:
     if not is_described(effect):
         return frozenset({effect})
     form = form_of(effect)
-    more = _more_of(form)
     found: set[str] = set()
-    for size in range(len(more) + 1):
-        for without in itertools.combinations(more, size):
+    for size in range(len(form.more) + 1):
+        for without in itertools.combinations(form.more, size):
             less = replace(form, depends_on=tuple(on for on in form.depends_on if on not in without))
             found |= {law_of(less.key), *(name for name, _ in laws_of(less))}
     return frozenset(found)
@@ -383,8 +371,8 @@ class Race:
             self.priors[moved] = other.log_prior
             begun = place.fits[effect][0].fit
             structure = begun.structure.dropping(effect).adding(other.effect)
-            choice = {name.replace(effect, moved): value for name, value in begun.choice.items()}
-            start = Model(self.problem.channel, structure).start(begun.log_rates, choice)
+            (own,) = (one for one in begun.structure.effects if one.id == effect)
+            start = _carried(begun, structure, own, other)
             place.fits[moved] = [self.fitted(structure, start, begun.deviations, QUICK_STEPS)]
         return max(effect, moved, key=lambda id_: place.fits[id_][0].value)
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.effect import DIFFERS_BY
+from shockrig.analysis.estimate.effect import DIFFERS_BY, TINY_STRENGTH
 from shockrig.analysis.physics.chain import Chain, Recorded, RoomAir
 from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, Conditions
 from shockrig.analysis.physics.humidity import dew_point_c, saturation_pressure_hpa
@@ -122,7 +122,6 @@ SCALES = frozenset({"power", "exponential", "ratio"})  # ways in which a conditi
 SPREAD: Factor = ("history", "spread")  # not one time constant, but several, evenly spread in their logarithm
 SPREAD_OVER = np.linspace(-1.0, 1.0, 7)  # times the factor's number: logarithms of the time constants over their middle
 SCATTER: Factor = (DIFFERS_BY, "scatter")  # stronger in one run than in another, by chance
-TINY_STRENGTH = 1e-9
 LEAST_STEP = 0.1  # share of a usual step
 PPM = 1e-6  # of the time that a run has lasted, by which a delay grows
 
@@ -144,6 +143,12 @@ class Form:
     def factors(self) -> tuple[str, ...]:
         """What it depends on."""
         return tuple(factor for factor, _ in self.depends_on)
+
+    @property
+    def more(self) -> tuple[Factor, ...]:
+        """What it depends on beyond its behaviour: conditions that scale its strength, chance, several time
+        constants."""
+        return tuple(on for on in self.depends_on if on[1] in SCALES or on in (SPREAD, SCATTER))
 
     def with_factor(self, factor: str, how: str) -> Form:
         """The same, depending on one factor more; the order in which factors come does not make another form."""

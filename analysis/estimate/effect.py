@@ -25,6 +25,7 @@ Values = Mapping[str, float]
 Arrays = Mapping[str, NDArray[np.float64]]  # of candidates, each (B, 1)
 RARE_PENALTY = 8.0  # added to the penalty of what real benches hardly ever have: odds of one in fifty
 
+TINY_STRENGTH = 1e-9  # of an effect that is none
 DIFFERS_BY = "run_order"  # the factor by which a strength that differs by chance is said to do so
 WITHIN_ENDS = 2.0  # a start's ratio to the ends of its range, at least
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.arrow import Arrow
 from shockrig.analysis.estimate.channel import Channel, as_single_samples
-from shockrig.analysis.estimate.effect import DIFFERS_BY, Effect
+from shockrig.analysis.estimate.effect import DIFFERS_BY, TINY_STRENGTH, Effect
 from shockrig.analysis.estimate.model import LEAST_TRIGGER_OFFSET_S, TRIGGER, Model, Point, Structure
 from shockrig.analysis.estimate.problem import (
     OwnRates,
@@ -35,7 +35,6 @@ DEVIATION_FACTOR = 0.35  # a run's random effects go that much less far at each
 LONGEST_RUN_STEP = 20.0  # of a run's random effects, in standard deviations
 LAST_DIGITS, FIRST_DIGITS = 2e-4, 1e-3  # of a misfit, by which a step must lower it where the model is wrong
 FAR_OFF = 10.0  # objective per bin from which the first digits do
-TINY_STRENGTH = 1e-9  # of an effect that is none
 ADAPTED_FROM = 0.06  # relative change of the rates' scatter from which on it is taken over
 
 
