@@ -126,6 +126,28 @@ def correct(
     if method not in METHODS:
         raise InputError(f"method {method!r}: expected one of {', '.join([*METHODS, 'causal'])}")
     flight, codes = without_codes(flight)
+    count = flight.time_s.size
+    part, rows, steps = _in_order(flight)
+    notes = [*profile_doubts(profile), *code_notes(codes), *doubts(part), *steps]
+    if wrong := slips(part, profile):
+        bead, film = _as_it_came(part, "; ".join(wrong), notes)
+        return _gather(count, rows, bead, film, notes, {}, {})
+    stream = _stream(part, profile, notes)
+    solve = METHODS[method]
+    around = _temperature(part, profile, stream, solve, cutoff_hz, temperature_noise_k, notes)
+    bead = around.in_free_air(part.time_s)
+    film, known, said = _humidity(part, profile, stream, around, bead, solve, cutoff_hz, humidity_noise_percent)
+    notes.extend(said)
+    bead, film = seen_by_film(part, bead, film, notes)
+    bead, film, widened = compared(part, bead, film, notes, known)
+    slow_against_fast(part, bead, notes)
+    slower = {} if known is None else {film.name: known.slower}
+    return _gather(count, rows, bead, film, notes, widened, slower)
+
+
+def _in_order(flight: Flight) -> tuple[Flight, NDArray[np.int64], list[str]]:
+    """The flight's rows whose time can be believed, their times running forward; which they are; and a sentence for
+    each step of the clock."""
     clock = put_in_order(flight.time_s, PARTED_S, (flight.temperature_c, flight.humidity_percent))
     if np.count_nonzero(clock.good) < 2 or np.ptp(flight.time_s[clock.good]) == 0:
         ahead = np.diff(flight.time_s[np.isfinite(flight.time_s)])
@@ -133,38 +155,12 @@ def correct(
             raise InputError("time_s: the rows run backwards in time; turn the log round, oldest row first")
         raise InputError("time_s: fewer than two rows with times that run forward; give a log with a clock in seconds")
     rows = np.flatnonzero(clock.good)
-    part = replace(flight.at(rows), time_s=clock.time_s)
-    notes = [*profile_doubts(profile), *code_notes(codes), *doubts(part)]
-    for step in clock.steps:
-        notes.append(
-            f"the clock steps by {step.by_s:+.4g} s to {flight.time_s[step.row]:.10g} s: "
-            + ("the readings run on, it was set" if step.runs_on else "a gap, across which nothing is concluded")
-        )
-    if wrong := slips(part, profile):
-        bead, film = _as_it_came(part, "; ".join(wrong), notes)
-        return _gather(flight.time_s.size, rows, bead, film, notes, {}, {})
-    stream = _stream(part, profile, notes)
-    solve, bodies = METHODS[method], profile.bodies
-    around = _temperature(part, profile, stream, solve, cutoff_hz, temperature_noise_k, notes)
-    bead = around.in_free_air(part.time_s)
-
-    def film_with(known: Told | None) -> tuple[FlightChannel, list[str]]:
-        said: list[str] = []
-        given = humidity_noise_percent
-        return correct_humidity(
-            part, profile.humidity, bodies["hyt"], stream, around, solve, cutoff_hz, given, said, known
-        ).in_free_air(part.time_s), said
-
-    film, said = film_with(None)
-    if (known := told(part, bead, film)) is not None:
-        known = told(part, bead, film_with(known)[0], known)
-        film, said = film_with(known)
-    notes.extend(said)
-    bead, film = seen_by_film(part, bead, film, notes)
-    bead, film, widened = compared(part, bead, film, notes, known)
-    slow_against_fast(part, bead, notes)
-    slower = {} if known is None else {film.name: known.slower}
-    return _gather(flight.time_s.size, rows, bead, film, notes, widened, slower)
+    steps = [
+        f"the clock steps by {step.by_s:+.4g} s to {flight.time_s[step.row]:.10g} s: "
+        + ("the readings run on, it was set" if step.runs_on else "a gap, across which nothing is concluded")
+        for step in clock.steps
+    ]
+    return replace(flight.at(rows), time_s=clock.time_s), rows, steps
 
 
 def _as_it_came(flight: Flight, why: str, notes: list[str]) -> tuple[FlightChannel, FlightChannel]:
@@ -256,6 +252,33 @@ def _temperature(
     left = not_known(effects)
     channel = replace(channel, uncertainty=np.hypot(channel.uncertainty, left), common=np.hypot(channel.common, left))
     return replace(channel, carried=carried(effects, climb, flight.airspeed_m_s))
+
+
+def _humidity(
+    flight: Flight,
+    profile: Profile,
+    stream: Stream,
+    around: FlightChannel,
+    bead: FlightChannel,
+    solve: Callable[[FlightReadings, float | None], Estimate],
+    cutoff_hz: float | None,
+    given: float | None,
+) -> tuple[FlightChannel, Told | None, list[str]]:
+    """The humidity in free air, what the flight tells of the film's time scale, and what was said on the way; `around`
+    the sensors is the temperature, `bead`'s that of free air."""
+
+    def with_scale(known: Told | None) -> tuple[FlightChannel, list[str]]:
+        said: list[str] = []
+        film = correct_humidity(
+            flight, profile.humidity, profile.bodies["hyt"], stream, around, solve, cutoff_hz, given, said, known
+        )
+        return film.in_free_air(flight.time_s), said
+
+    film, said = with_scale(None)
+    if (known := told(flight, bead, film)) is not None:
+        known = told(flight, bead, with_scale(known)[0], known)
+        film, said = with_scale(known)
+    return film, known, said
 
 
 def _gather(

@@ -258,6 +258,7 @@ BESIDE_SHARE = 0.25  # of it
 ALONG_ROWS = 31  # that a trend is taken over
 LEAST_CALM = 0.5  # of the readings, or bursts are what this flight has
 TO_AND_FRO = 1.5  # steps: what third differences of such readings show is at most 1.33
+FEWEST_READINGS = 8  # that anything is concluded from
 SPARSE_SHARE = 0.97  # share of nodes with a sample, below which the bridges are left out of the judgement
 
 
@@ -314,68 +315,142 @@ def estimate(
     loud : (n,), optional
         Readings in bursts of noise: they say nothing of how strongly the air varies.
     """
-    between = typical_period(time_s)
-    parts = int(np.clip(round(between / (PER_LAG * response.slowest_s)), 1, MOST_PARTS))
-    period = between / parts
-    node_time, node_row = _nodes(time_s - delay_s, period, delay_s)
-    measured = (node_row >= 0) & usable[node_row]
-    rows = np.flatnonzero(measured)
-    if rows.size < 8:
+    on = _on_nodes(time_s, reading, usable, response, delay_s, passing)
+    if on is None:
         nothing = np.full(time_s.shape, np.nan)
         return Estimate(nothing, nothing, nothing, 1.0)
-    nearest = _carried(node_row)
-    bridged = np.interp(node_time, node_time[rows], reading[node_row[rows]])
-    along = response if np.array_equal(nearest, np.arange(time_s.size)) else response.at(nearest)
-    broken = np.diff(node_time, prepend=-np.inf) > LONGEST_BRIDGE_S
-    through = None if passing is None else replace(passing, sigma=passing.sigma[nearest])
-    memory = SEGMENT_SAMPLES + int(2.0 * max(MEMORY_LAGS * response.slowest_s, LEAST_MEMORY_S) / period)
-    track = Track(node_time, period, along, through, broken, memory)
-
-    # where the air's temperature jumped, single readings say nothing of vapour
-    ordinary = np.ones(node_time.size, dtype=bool)
-    if through is not None:
-        ordinary = through.sigma <= ODD_FACTOR * np.median(through.sigma)
-    calm = measured
-    if loud is not None and rounding is not None:
-        # readings that go to and fro between two steps are as loud as that, and no burst
-        loud = loud & (noise_variance - rounding**2 / 12.0 > (TO_AND_FRO * rounding) ** 2)
-    if loud is not None and np.count_nonzero(usable & ~loud) > LEAST_CALM * np.count_nonzero(usable):
-        calm, ordinary = measured & ~loud[nearest], ordinary & ~(measured & loud[nearest])
-    noise = np.interp(node_time, node_time[calm], np.sqrt(noise_variance[nearest][calm]))
-    rows = np.flatnonzero(calm)
-    expected = float(np.sqrt(np.mean((noise if rows.size > SPARSE_SHARE * node_time.size else noise[rows]) ** 2)))
-    strengths = StrengthsOfFlight(track, ordinary, rows, noise, parts, rounding is not None, expected)
-    local = strengths(bridged)
-    noise_factor = float(local.noise[0]) / expected if rounding is None else 1.0
-    variance = np.where(measured, noise_variance[nearest] * noise_factor**2, np.inf)
+    track, along = on.track, on.track.along
+    strengths = _strengths(on, usable, noise_variance, rounding, loud)
+    local = strengths(on.bridged)
+    noise_factor = float(local.noise[0]) / strengths.expected if rounding is None else 1.0
+    variance = np.where(on.measured, noise_variance[on.row] * noise_factor**2, np.inf)
     known_s = np.zeros(0) if jumps_s is None else jumps_s
-    found, local, jumps = with_jumps(track, bridged, variance, local, strengths, known_s)
-    brief = _brief(node_time, measured, BRIEF_LAGS * response.slowest_s)
-    if rounding is None and parts == 1 and brief.any():
-        # single samples put together over those that lack between them are not evenly spaced: strengths are judged
-        # again with what the sensor would have read there
-        read = found.clean + noise * noise_factor * np.random.default_rng(0).standard_normal(noise.size)
-        read = without(track, np.where(brief, read, bridged), found, jumps)
-        local = replace(strengths, rows=np.flatnonzero(calm | brief))(read)
-        found = swept(track, bridged, variance, local, jumps, scored=False)
-    if rounding is None and (alone := _lone_readings(track, bridged, variance, found, jumps)).any():
-        variance = np.where(alone, np.inf, variance)
-        found = swept(track, bridged, variance, local, jumps, scored=False)
-    if rounding is not None:
-        steps = rounding[nearest]
-        own = np.sqrt(np.maximum(noise_variance[nearest] - steps**2 / 12.0, 0.0))
-        found, local = _within_steps(track, bridged, variance, steps, own, jumps, local, strengths)
-        level = np.where(measured, np.round(reading[node_row] / steps), np.nan)
-        least = within_a_step(node_time, level, steps, own, STILL_LAGS * response.slowest_s)
-        found = replace(found, variance=np.maximum(found.variance, least))
-    air, node_variance, clean = (np.interp(time_s, node_time, v) for v in (found.air, found.variance, found.clean))
+    found, local, jumps = with_jumps(track, on.bridged, variance, local, strengths, known_s)
+    if rounding is None:
+        brief = _brief(track.time_s, on.measured, BRIEF_LAGS * response.slowest_s)
+        found, local = _of_samples(on, variance, brief, noise_factor, jumps, found, local, strengths)
+    else:
+        found, local = _of_stairs(on, variance, noise_variance, rounding, jumps, local, strengths)
+    air, node_variance, clean = (np.interp(time_s, track.time_s, v) for v in (found.air, found.variance, found.clean))
     typical = local.each(lambda strength: np.median(strength, keepdims=True))
-    rate = resolved_rate(typical, along.at(slice(len(along.rate) // 2, len(along.rate) // 2 + 1)), period)
+    rate = resolved_rate(typical, along.at(slice(len(along.rate) // 2, len(along.rate) // 2 + 1)), track.period_s)
     if rounding is not None:
         # for as long as a rounded reading stays, so does what it is off by
         changes = np.count_nonzero(np.diff(reading[usable]))
         rate = min(rate, np.pi * (changes + 1) / float(np.ptp(time_s[usable])))
     return Estimate(air, node_variance, clean, noise_factor, resolved_rate=rate, jumps_s=when(track, jumps))
+
+
+@dataclass(frozen=True)
+class OnNodes:
+    """A channel's readings on the nodes (n,) of a track, of which there are so many `parts` to a period of the log.
+
+    `row` is each node's own in the log, or the last one before it; `measured` are nodes with a reading to use, and
+    `bridged` is that reading, or what lies between those around; `slowest_s` is the sensor's slowest lag.
+    """
+
+    track: Track
+    parts: int
+    row: Rows
+    measured: NDArray[np.bool_]
+    bridged: Array
+    slowest_s: float
+
+
+def _on_nodes(
+    time_s: Array,
+    reading: Array,
+    usable: NDArray[np.bool_],
+    response: LagResponse,
+    delay_s: float,
+    passing: Passing | None,
+) -> OnNodes | None:
+    """Nodes for the samples, the gaps between them and the parts of long steps; None where too little was measured."""
+    between = typical_period(time_s)
+    parts = int(np.clip(round(between / (PER_LAG * response.slowest_s)), 1, MOST_PARTS))
+    period = between / parts
+    node_time, own_row = _nodes(time_s - delay_s, period, delay_s)
+    measured = (own_row >= 0) & usable[own_row]
+    rows = np.flatnonzero(measured)
+    if rows.size < FEWEST_READINGS:
+        return None
+    row = _carried(own_row)
+    along = response if np.array_equal(row, np.arange(time_s.size)) else response.at(row)
+    broken = np.diff(node_time, prepend=-np.inf) > LONGEST_BRIDGE_S
+    through = None if passing is None else replace(passing, sigma=passing.sigma[row])
+    memory = SEGMENT_SAMPLES + int(2.0 * max(MEMORY_LAGS * response.slowest_s, LEAST_MEMORY_S) / period)
+    track = Track(node_time, period, along, through, broken, memory)
+    bridged = np.interp(node_time, node_time[rows], reading[row[rows]])
+    return OnNodes(track, parts, row, measured, bridged, response.slowest_s)
+
+
+def _of_samples(
+    on: OnNodes,
+    variance: Array,
+    brief: NDArray[np.bool_],
+    noise_factor: float,
+    jumps: Jumps,
+    found: Sweep,
+    local: Prior,
+    strengths: StrengthsOfFlight,
+) -> tuple[Sweep, Prior]:
+    """The sweep of readings with fine steps, and its strengths, where `brief` gaps (n,) and lone readings part them."""
+    if on.parts == 1 and brief.any():
+        # single samples put together over those that lack between them are not evenly spaced: strengths are judged
+        # again with what the sensor would have read there
+        noise = strengths.noise
+        read = found.clean + noise * noise_factor * np.random.default_rng(0).standard_normal(noise.size)
+        read = without(on.track, np.where(brief, read, on.bridged), found, jumps)
+        calm = np.zeros(brief.shape, dtype=bool)
+        calm[strengths.rows] = True
+        local = replace(strengths, rows=np.flatnonzero(calm | brief))(read)
+        found = swept(on.track, on.bridged, variance, local, jumps, scored=False)
+    if (alone := _lone_readings(on.track, on.bridged, variance, found, jumps)).any():
+        variance = np.where(alone, np.inf, variance)
+        found = swept(on.track, on.bridged, variance, local, jumps, scored=False)
+    return found, local
+
+
+def _of_stairs(
+    on: OnNodes,
+    variance: Array,
+    noise_variance: Array,
+    rounding: Array,
+    jumps: Jumps,
+    local: Prior,
+    strengths: StrengthsOfFlight,
+) -> tuple[Sweep, Prior]:
+    """The sweep of readings in steps of `rounding` (rows,), and its strengths: never surer than what stays lets be."""
+    steps = rounding[on.row]
+    own = np.sqrt(np.maximum(noise_variance[on.row] - steps**2 / 12.0, 0.0))
+    found, local = _within_steps(on.track, on.bridged, variance, steps, own, jumps, local, strengths)
+    level = np.where(on.measured, np.round(on.bridged / steps), np.nan)
+    least = within_a_step(on.track.time_s, level, steps, own, STILL_LAGS * on.slowest_s)
+    return replace(found, variance=np.maximum(found.variance, least)), local
+
+
+def _strengths(
+    on: OnNodes,
+    usable: NDArray[np.bool_],
+    noise_variance: Array,
+    rounding: Array | None,
+    loud: NDArray[np.bool_] | None,
+) -> StrengthsOfFlight:
+    """What judges the air's strengths, by the readings that say something of them: not those in bursts, nor of vapour
+    where the air's temperature jumped."""
+    track, calm = on.track, on.measured
+    ordinary = np.ones(calm.size, dtype=bool)
+    if track.passing is not None:
+        ordinary = track.passing.sigma <= ODD_FACTOR * np.median(track.passing.sigma)
+    if loud is not None and rounding is not None:
+        # readings that go to and fro between two steps are as loud as that, and no burst
+        loud = loud & (noise_variance - rounding**2 / 12.0 > (TO_AND_FRO * rounding) ** 2)
+    if loud is not None and np.count_nonzero(usable & ~loud) > LEAST_CALM * np.count_nonzero(usable):
+        calm, ordinary = calm & ~loud[on.row], ordinary & ~(on.measured & loud[on.row])
+    noise = np.interp(track.time_s, track.time_s[calm], np.sqrt(noise_variance[on.row][calm]))
+    rows = np.flatnonzero(calm)
+    expected = float(np.sqrt(np.mean((noise if rows.size > SPARSE_SHARE * calm.size else noise[rows]) ** 2)))
+    return StrengthsOfFlight(track, ordinary, rows, noise, on.parts, rounding is not None, expected)
 
 
 @dataclass(frozen=True)

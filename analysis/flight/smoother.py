@@ -188,20 +188,42 @@ def plain(
     p: Array,
 ) -> Smoothed:
     """The recursions: forward from `mean` (w, size) and covariance `p` (w, size, size), and back."""
-    windows, count = reading.shape
     modes = response.rate.shape[-1]
     phi, q, leap = _model(step_s, response, prior, passing, jumps)
     size = phi.shape[-1]
-    c = np.zeros((count, windows, size))
+    c = np.zeros((reading.shape[1], reading.shape[0], size))
     c[..., AIR_STATES : AIR_STATES + modes] = np.moveaxis(response.weight, 1, 0)
     h = np.concatenate([AIR, np.zeros(size - AIR_STATES)])
     if passing is not None:
         c[..., -1] = 1.0
         h[-1] = 1.0 + passing.coupling
+    forward = _forward(reading, noise_variance, phi, q, c, h, mean, p)
+    return _back(forward, phi, c, h, leap)
 
-    kept_mean = np.empty((count, windows, size))
-    ph, pc, gains = (np.empty((count, windows, size)) for _ in range(3))
-    surprise_of, variance_of, prior_variance = (np.empty((count, windows)) for _ in range(3))
+
+@dataclass(frozen=True)
+class _Forward:
+    """What goes back from a filter: arrays (n, windows) of which readings are `seen`, their surprise and its variance
+    and the variance of the air before them; (n, windows, size) of means before each reading, its gains, and covariances
+    of the states with the air and with the reading."""
+
+    seen: NDArray[np.bool_]
+    surprise: Array
+    variance: Array
+    air_variance: Array
+    mean: Array
+    gain: Array
+    with_air: Array
+    with_reading: Array
+
+
+def _forward(
+    reading: Array, noise_variance: Array, phi: Array, q: Array, c: Array, h: Array, mean: Array, p: Array
+) -> _Forward:
+    """The filter, from `mean` and covariance `p`: steps by `phi` and `q`, a reading of `c`, the air being `h`."""
+    count, windows, _ = c.shape
+    kept_mean, ph, pc, gains = (np.empty(c.shape) for _ in range(4))
+    surprise, variance, air_variance = (np.empty((count, windows)) for _ in range(3))
     noise = np.ascontiguousarray(noise_variance.T)
     seen = np.isfinite(noise)
     y = np.where(seen, reading.T, 0.0)
@@ -213,13 +235,18 @@ def plain(
         kept_mean[k] = mean
         pc[k] = pck = (p @ ck[..., None])[..., 0]
         ph[k] = phk = p @ h
-        prior_variance[k] = phk @ h
-        variance_of[k] = s = np.where(seen[k], np.maximum((ck * pck).sum(-1), 0.0) + noise[k], np.inf)
-        surprise_of[k] = v = np.where(seen[k], y[k] - (ck * mean).sum(-1), 0.0)
+        air_variance[k] = phk @ h
+        variance[k] = s = np.where(seen[k], np.maximum((ck * pck).sum(-1), 0.0) + noise[k], np.inf)
+        surprise[k] = v = np.where(seen[k], y[k] - (ck * mean).sum(-1), 0.0)
         gains[k] = gain = pck / s[:, None]
         mean = mean + gain * v[:, None]
         p = p - gain[:, :, None] * pck[:, None, :]
+    return _Forward(seen, surprise, variance, air_variance, kept_mean, gains, ph, pc)
 
+
+def _back(forward: _Forward, phi: Array, c: Array, h: Array, leap: Array) -> Smoothed:
+    """The smoother, from the last reading to the first; `leap` is what a jump does to the states."""
+    count, windows, size = c.shape
     air, clean, variance, clean_variance = (np.empty((count, windows)) for _ in range(4))
     pull, hold_on = (np.zeros((count, windows, 2)) for _ in range(2))
     small = np.zeros((windows, size))
@@ -229,23 +256,25 @@ def plain(
             back = phi[k + 1].swapaxes(-1, -2)
             small = (back @ small[..., None])[..., 0]
             big = back @ big @ phi[k + 1]
-        ck, gain = c[k], gains[k]
+        ck, gain, mean, with_reading = c[k], forward.gain[k], forward.mean[k], forward.with_reading[k]
         v = (big @ gain[..., None])[..., 0]
-        both = (gain * v).sum(-1) + 1.0 / variance_of[k]
+        both = (gain * v).sum(-1) + 1.0 / forward.variance[k]
         big = (
             big
             - ck[:, :, None] * (v - 0.5 * both[:, None] * ck)[:, None, :]
             - (v - 0.5 * both[:, None] * ck)[:, :, None] * ck[:, None, :]
         )
-        small = small - ck * ((gain * small).sum(-1) + surprise_of[k] / variance_of[k])[:, None]
-        air[k] = kept_mean[k] @ h - (ph[k] * small).sum(-1)
-        clean[k] = (ck * kept_mean[k]).sum(-1) - (pc[k] * small).sum(-1)
-        asked = np.concatenate([ph[k, ..., None], pc[k, ..., None], leap[k]], axis=-1)
+        small = small - ck * ((gain * small).sum(-1) + forward.surprise[k] / forward.variance[k])[:, None]
+        air[k] = mean @ h - (forward.with_air[k] * small).sum(-1)
+        clean[k] = (ck * mean).sum(-1) - (with_reading * small).sum(-1)
+        asked = np.concatenate([forward.with_air[k, ..., None], with_reading[..., None], leap[k]], axis=-1)
         of_them = (asked * (big @ asked)).sum(axis=1)
-        variance[k] = prior_variance[k] - of_them[:, 0]
-        clean_variance[k] = (ck * pc[k]).sum(-1) - of_them[:, 1]
+        variance[k] = forward.air_variance[k] - of_them[:, 0]
+        clean_variance[k] = (ck * with_reading).sum(-1) - of_them[:, 1]
         pull[k], hold_on[k] = (small[:, None] @ leap[k])[:, 0], of_them[:, 2:]
-    surprise = np.where(seen, surprise_of / np.sqrt(variance_of), np.nan)
+    seen = forward.seen
+    surprise = np.where(seen, forward.surprise / np.sqrt(forward.variance), np.nan)
+    cost = 0.5 * (np.log(np.where(seen, forward.variance, 1.0)) + np.nan_to_num(surprise) ** 2)
     pull[0] = 0.0
     hold_on = np.maximum(hold_on, TINY_VARIANCE)
     return Smoothed(
@@ -256,7 +285,7 @@ def plain(
         surprise.T,
         -(pull / hold_on).swapaxes(0, 1),
         -(pull / np.sqrt(hold_on)).swapaxes(0, 1),
-        np.where(seen, 0.5 * (np.log(np.where(seen, variance_of, 1.0)) + np.nan_to_num(surprise) ** 2), 0.0).T,
+        np.where(seen, cost, 0.0).T,
     )
 
 

@@ -69,30 +69,9 @@ def correct_file(
         Names the file, the line or column, and the remedy; nothing is left behind.
     """
     layout = read_layout(source, columns)
-    if target.is_dir():
-        raise InputError(f"{target}: is a folder; name a file for the corrected flight")
-    if real_path(target) == real_path(source):
-        raise InputError(f"{target}: the log itself; name another file for the corrected flight")
-    damage = look_over(source, layout)
-    if damage.lost > damage.rows / 2:
-        raise InputError(
-            f"{source}: {damage.lost} of {damage.rows} rows could not be read as numbers (first: {damage.first_lost}); "
-            "fix the log, or name the columns that hold numbers with --column QUANTITY=NAME"
-        )
-    try:
-        writer = NetcdfWriter(target, layout, history) if target.suffix == ".nc" else CsvWriter(target, layout)
-    except OSError as error:
-        raise InputError(f"{target}: {error.strerror or error}; name a file in a folder that can be written") from error
-    totals = _Totals()
-    if layout.said:
-        totals.notes[layout.said] = None
-    totals.notes.update(dict.fromkeys(serial_doubts(of_log(source, layout, source.name), profile.sensors)))
-    if damage.damaged:
-        how_many = f"{damage.damaged} of {damage.rows} rows could not be read as numbers throughout"
-        totals.notes[f"{how_many} and are treated as missing there (first: {damage.first_damaged})"] = None
-    for quantity in ("temperature", "humidity"):
-        if quantity not in layout.place and getattr(profile, quantity) is not None:
-            totals.notes[f"{quantity}: no column of it recognised; if there is one, --column {quantity}=NAME"] = None
+    _demand_apart(source, target)
+    totals = _Totals(_said_of(source, layout, profile))
+    writer = _writer(target, layout, history)
     try:
         for rows, before, after, logged in _with_margins(source, layout, block_rows, _remembered_s(profile)):
             flight, codes = without_codes(logged)
@@ -118,14 +97,56 @@ def correct_file(
         writer.close()
     except BaseException as error:
         writer.discard()
-        # netCDF's own library says RuntimeError where the disk is full.
-        if isinstance(error, OSError) or (isinstance(error, RuntimeError) and "NetCDF" in str(error)):
-            reason = getattr(error, "strerror", None) or error
-            raise InputError(f"{target}: cannot be written ({reason}); make room or name another place") from error
-        if isinstance(error, InputError) and not str(error).startswith(str(source)):
-            raise type(error)(f"{source}: {error}") from error
+        if (said := _told(error, source, target)) is not error:
+            raise said from error
         raise
     return totals.summary()
+
+
+def _demand_apart(source: Path, target: Path) -> None:
+    """Raise InputError where the corrected flight has no file of its own."""
+    if target.is_dir():
+        raise InputError(f"{target}: is a folder; name a file for the corrected flight")
+    if real_path(target) == real_path(source):
+        raise InputError(f"{target}: the log itself; name another file for the corrected flight")
+
+
+def _writer(target: Path, layout: FlightColumns, history: str) -> NetcdfWriter | CsvWriter:
+    """Of the kind that the file's name asks for."""
+    try:
+        return NetcdfWriter(target, layout, history) if target.suffix == ".nc" else CsvWriter(target, layout)
+    except OSError as error:
+        raise InputError(f"{target}: {error.strerror or error}; name a file in a folder that can be written") from error
+
+
+def _said_of(source: Path, layout: FlightColumns, profile: Profile) -> list[str]:
+    """What is to be said of a log before its rows are corrected; InputError where most of them are no numbers."""
+    damage = look_over(source, layout)
+    if damage.lost > damage.rows / 2:
+        raise InputError(
+            f"{source}: {damage.lost} of {damage.rows} rows could not be read as numbers (first: {damage.first_lost}); "
+            "fix the log, or name the columns that hold numbers with --column QUANTITY=NAME"
+        )
+    said = [layout.said] if layout.said else []
+    said += serial_doubts(of_log(source, layout, source.name), profile.sensors)
+    if damage.damaged:
+        how_many = f"{damage.damaged} of {damage.rows} rows could not be read as numbers throughout"
+        said.append(f"{how_many} and are treated as missing there (first: {damage.first_damaged})")
+    for quantity in ("temperature", "humidity"):
+        if quantity not in layout.place and getattr(profile, quantity) is not None:
+            said.append(f"{quantity}: no column of it recognised; if there is one, --column {quantity}=NAME")
+    return said
+
+
+def _told(error: BaseException, source: Path, target: Path) -> BaseException:
+    """The error as its reader needs it: which file cannot be written, or which log is at fault."""
+    # netCDF's own library says RuntimeError where the disk is full.
+    if isinstance(error, OSError) or (isinstance(error, RuntimeError) and "NetCDF" in str(error)):
+        reason = getattr(error, "strerror", None) or error
+        return InputError(f"{target}: cannot be written ({reason}); make room or name another place")
+    if isinstance(error, InputError) and not str(error).startswith(str(source)):
+        return type(error)(f"{source}: {error}")
+    return error
 
 
 def _remembered_s(profile: Profile) -> float:
@@ -180,12 +201,12 @@ def _cut(found: Corrected, part: slice) -> Corrected:
 
 
 class _Totals:
-    """Running sums over blocks."""
+    """Running sums over blocks, and what was `said` of the log before."""
 
-    def __init__(self) -> None:
+    def __init__(self, said: Sequence[str]) -> None:
         self.rows = 0
         self.flags = dict.fromkeys(FLAGS, 0)
-        self.notes: dict[str, None] = {}
+        self.notes: dict[str, None] = dict.fromkeys(said)
         self.codes: dict[str, int] = {}
 
     def count(self, codes: Mapping[str, NDArray[np.bool_]], own: slice) -> None:
