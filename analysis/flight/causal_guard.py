@@ -87,6 +87,8 @@ class Guard:
             return self._left(Judged(False, missing=True))
         if not d.possible[0] <= reading <= d.possible[1]:
             return self._left(Judged(False, implausible=True))
+        # as programs hold it: a step of 0.01 K is off by 2e-4 there, on which a repeat by chance may hang
+        reading = float(np.float32(reading))
         away = abs(reading - expected)
         usual = float(hypot(d.noise, self.resolution / sqrt(12.0))) * self._usual(self.usual)
         rows = self.unused + 1

@@ -138,6 +138,20 @@ def test_coarse_readings_of_calm_air_are_within_their_rounding():
     assert np.mean(off <= 1.96 * done.humidity_uncertainty_percent[5:]) > 0.9
 
 
+def test_a_repeat_by_chance_is_one_in_single_precision_too():
+    """A step of 0.01 K between such numbers is off by 2e-4, and a share of repeats may be as near to what is usual."""
+    rng, rows = np.random.default_rng(9), 1700
+    reading = np.round(20.0 + np.cumsum(0.01 * rng.standard_normal(2000)) + 0.02 * rng.standard_normal(2000), 2)
+    repeats = rng.random(2000) < 0.15
+    for row in range(1, rows):
+        reading[row] = reading[row - 1] if repeats[row] else reading[row]
+    said = []
+    for log in (reading[:rows], reading[:rows].astype(np.float32)):
+        guard = Guard(design_of(typical_profile(), 0.1).temperature, ())
+        said.append([guard.judge(value, value, 0.05).repeated for value in log.tolist()])
+    assert sum(said[0]) > 200 and said[0] == said[1]
+
+
 def test_what_goes_through_readings_with_temperature_is_no_noise_of_theirs():
     design = design_of(typical_profile(), 0.1).humidity
     reading = 50.0 + np.hypot(design.noise, 0.5) * np.random.default_rng(2).standard_normal(400)
