@@ -1,6 +1,6 @@
 """docs/emulated_bench.md in real time: scan, check, an unattended campaign, watched, characterized.
 
-All as it stands there, with the records of `quick` less than half as long: drivers and bytes are the same ones.
+All as it stands there, with a shorter protocol under the name of `quick`: drivers and bytes are the same ones.
 """
 
 import contextlib
@@ -25,7 +25,31 @@ from shockrig.rig.virtual.truth import draw_truth
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "emulated_bench.md"
-QUICK = (ROOT / "data" / "protocols" / "quick.toml").read_text()
+SHORTER = """# `quick` in half of its time: humidity first, as a soak after the thermal shock waits for the slow die.
+format = "shock-protocol/1"
+name = "quick"
+description = "one ambient, one humidity shock and one thermal shock"
+airflow_m_s = 6.0
+
+[steps]
+usual = [
+  { do = "soak", over_s = 4, at_most_s = 300, reference_within_k = 0.05, reference_within_percent = 0.3, \
+probes_within_k = 0.5, probes_within_percent = 0.5 },
+  { do = "record", for_s = 2.5 },
+  { do = "transfer", at_most_s = 20 },
+  { do = "record", for_s = 8 },
+]
+
+[[run]]
+note = "humidity up"
+source = { temperature_c = 20, humidity_percent = 55 }
+destination = { temperature_c = 20, humidity_percent = 80 }
+
+[[run]]
+note = "temperature up, vapour pressure kept"
+source = { temperature_c = 20, humidity_percent = 55 }
+destination = { temperature_c = 40, humidity_percent = 17 }
+"""
 COMMANDS = re.findall(r"^    \$ (.*)$", PAGE.read_text(), re.MULTILINE)
 ATTEMPTS = 4  # of recording: a machine that is busy may spoil runs, and the same command goes on
 
@@ -60,9 +84,7 @@ class Shell:
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) to build the preload library with")
 def test_the_page_as_it_stands(tmp_path):
     (recording,) = [command for command in COMMANDS if "--operator" in command]
-    shorter = QUICK.replace("for_s = 5 ", "for_s = 3 ").replace("for_s = 22 ", "for_s = 9 ")
-    assert shorter.count("for_s = 3 ") == shorter.count("for_s = 9 ") == 1
-    (tmp_path / "quick.toml").write_text(shorter)
+    (tmp_path / "quick.toml").write_text(SHORTER)
     with contextlib.ExitStack() as stack:
         shell = Shell(tmp_path, stack)
         terminal = Terminal()
