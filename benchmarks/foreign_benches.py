@@ -26,10 +26,9 @@ WORSE = 0.02  # an extension may not be worse than this on fresh runs
 
 def trial(name: str, seed: int, keep: str | None = None, limit_s: int = 300) -> dict:
     """One bench of a class: recorded, judged, and judged again on fresh runs of the same bench."""
+    from foreign_lab import record
     from foreign_worlds import draw
     from ours import fresh_errors, judge, rate, t63
-
-    from shockrig.rig.virtual.foreign import record
 
     world = draw(name, seed)
     channel = world.bench.channel

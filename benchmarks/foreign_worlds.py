@@ -8,8 +8,7 @@ import zlib
 from dataclasses import dataclass, replace
 
 import numpy as np
-
-from shockrig.rig.virtual.foreign import KINDS, Arrival, Lab, LabLogger, LabReference, LabRun, Written, make_body
+from foreign_lab import KINDS, Arrival, Lab, LabLogger, LabReference, LabRun, Written, make_body
 
 DEFAULT_BODY = {"temperature": "sphere", "humidity": "film"}
 NORMAL_STEP = {"temperature": 0.01, "humidity": 100.0 / 16383.0}  # roundings that nobody calls coarse

@@ -210,9 +210,8 @@ def right_campaigns(first: int, count: int) -> Iterator[tuple[str, str, Campaign
 
 def foreign_campaigns() -> Iterator[tuple[str, str, Campaign]]:
     """Other labs' benches: bodies of every shape, lags of 0.05 to 500 s, 1 to 100 Hz, chambers with a measured air."""
+    from foreign_lab import record
     from foreign_worlds import CLASSES, draw
-
-    from shockrig.rig.virtual.foreign import record
 
     for name in (name for name in CLASSES if name != "two_media"):  # where the check is right to speak
         for seed in range(FOREIGN_SEEDS):

@@ -117,7 +117,7 @@ def _rbr_set(which: int, cuts: tuple, air: int | None, label: str) -> RealSet:
 
 def plunges(name: str, seed: int, scatter: float, transfer_s: float, start: bool, air_error: float) -> RealSet:
     """Six plunges of an RTD by hand: 10 ms samples, airs known, no airflow; a tenth of the reading follows slowly."""
-    from shockrig.rig.virtual.foreign import Arrival, Lab, LabLogger, LabRun, Written, make_body
+    from foreign_lab import Arrival, Lab, LabLogger, LabRun, Written, make_body
 
     rng = np.random.default_rng(seed)
     body = make_body(
@@ -132,7 +132,7 @@ def plunges(name: str, seed: int, scatter: float, transfer_s: float, start: bool
     )
 
     def make(_: Path, out: Path) -> None:
-        from shockrig.rig.virtual.foreign import record
+        from foreign_lab import record
 
         record(bench, seed, out)
 

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from foreign_lab import Arrival, Lab, LabLogger, LabRun, Written, make_body, record
 
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.effects import CATALOGUE
@@ -11,7 +12,6 @@ from shockrig.analysis.estimate.channel import FINE_BIN_WIDTHS, edges_after_tran
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.physics import readings
 from shockrig.files.campaign import read_campaign
-from shockrig.rig.virtual.foreign import Arrival, Lab, LabLogger, LabRun, Written, make_body, record
 
 
 @pytest.mark.parametrize(

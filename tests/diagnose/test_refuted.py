@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from foreign_lab import Arrival, Lab, LabLogger, LabRun, Written, make_body, record
 
 from shockrig.analysis.diagnose import diagnose
 from shockrig.analysis.diagnose.diagnose import diagnose_channel, refuted
 from shockrig.analysis.diagnose.gain import Gain
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.files.campaign import read_campaign
-from shockrig.rig.virtual.foreign import Arrival, Lab, LabLogger, LabRun, Written, make_body, record
 
 
 def gain(before, after):

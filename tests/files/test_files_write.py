@@ -182,9 +182,9 @@ def by_the_virtual_bench(path):
 
 
 def by_another_labs_bench(path):
-    from shockrig.rig.virtual.foreign.bodies import make_body
-    from shockrig.rig.virtual.foreign.lab import Arrival, Lab, LabLogger, LabReference, LabRun, Written
-    from shockrig.rig.virtual.foreign.recording import record
+    from foreign_lab.bodies import make_body
+    from foreign_lab.lab import Arrival, Lab, LabLogger, LabReference, LabRun, Written
+    from foreign_lab.recording import record
 
     logger = LabLogger(0.5, 0.01, 0.02)
     transfers = (LabRun(30.0, 60.0, 5.3, 30.0), LabRun(60.0, 30.0, 5.1, 30.0))

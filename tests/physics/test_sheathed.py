@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from foreign_lab import make_body
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import j0, j1
@@ -9,7 +10,6 @@ from test_bodies import FREQUENCIES, INSIDE, SHAPES, TAKEN_UP, transfer
 
 from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.physics.modes import bessel_zeros, in_series
-from shockrig.rig.virtual.foreign import make_body
 
 SHEATHS = [(0.02, 0.1), (0.05, 3.0), (0.3, 0.3), (0.3, 1.5), (2.0, 0.5), (2.0, 50.0), (40.0, 0.02)]
 SERIES = list(SHAPES)

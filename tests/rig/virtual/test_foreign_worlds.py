@@ -5,11 +5,7 @@ import json
 
 import numpy as np
 import pytest
-from scipy.special import jn_zeros, jv
-
-from shockrig.files.campaign import read_campaign
-from shockrig.rig.errors import BenchError
-from shockrig.rig.virtual.foreign import (
+from foreign_lab import (
     KINDS,
     Arrival,
     Lab,
@@ -25,6 +21,10 @@ from shockrig.rig.virtual.foreign import (
     steps_of,
     two_stage,
 )
+from scipy.special import jn_zeros, jv
+
+from shockrig.files.campaign import read_campaign
+from shockrig.rig.errors import BenchError
 
 OF_A_STEP = 1e-4
 QUIET = LabLogger(period_s=0.1, rounding=0.0, white=0.0)

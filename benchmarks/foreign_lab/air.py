@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.rig.virtual.foreign.bodies import ForeignBody
+from foreign_lab.bodies import ForeignBody
 
 Array = NDArray[np.float64]
 

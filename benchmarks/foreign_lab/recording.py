@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from foreign_lab.air import AirCourse, ideal_step, one_approach, ramp, two_stage
+from foreign_lab.bodies import SHARE_63, make_body
+from foreign_lab.lab import Lab, LabLogger, LabRun
 from shockrig.files.campaign_write import campaign_document, run_document, table_text, write_campaign, write_run
 from shockrig.rig.errors import BenchError
-from shockrig.rig.virtual.foreign.air import AirCourse, ideal_step, one_approach, ramp, two_stage
-from shockrig.rig.virtual.foreign.bodies import SHARE_63, make_body
-from shockrig.rig.virtual.foreign.lab import Lab, LabLogger, LabRun
 
 Array = NDArray[np.float64]
 

@@ -5,10 +5,10 @@ writes a campaign folder as another lab would hand it over, with as much left ou
 returns what is true of it separately.
 """
 
-from shockrig.rig.virtual.foreign.air import ideal_step, one_approach, ramp, steps_of, two_stage
-from shockrig.rig.virtual.foreign.bodies import KINDS, ForeignBody, make_body
-from shockrig.rig.virtual.foreign.lab import Arrival, Lab, LabLogger, LabReference, LabRun, Written
-from shockrig.rig.virtual.foreign.recording import LabTruth, record
+from foreign_lab.air import ideal_step, one_approach, ramp, steps_of, two_stage
+from foreign_lab.bodies import KINDS, ForeignBody, make_body
+from foreign_lab.lab import Arrival, Lab, LabLogger, LabReference, LabRun, Written
+from foreign_lab.recording import LabTruth, record
 
 __all__ = [
     "KINDS",

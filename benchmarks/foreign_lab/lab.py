@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from shockrig.rig.virtual.foreign.bodies import ForeignBody
+from foreign_lab.bodies import ForeignBody
 
 Channel = Literal["temperature", "humidity"]
 
