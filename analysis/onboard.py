@@ -49,7 +49,7 @@ from shockrig.files.sentinels import LEAST_JUMP
 
 Array = NDArray[np.float64]
 MOST_STATE_BYTES = 2048
-REST_BYTES = 272  # of a state beside its filters: two guards, the clock, what is held, and padding
+REST_BYTES = 280  # of a state beside its filters: two guards, the clock, what is held, and padding
 FEWEST_MODES = 2
 TABLES, LUA_TABLES = "/*@TABLES@*/", "@TABLES@"
 C_FILES = ("shock_correct.h", "shock_correct.c", "csv_main.c", "Makefile")

@@ -74,6 +74,8 @@ class Bank:
         What the ladder's strengths, and the spread at a start, are in units of the states.
     middle : float
         Strength of the air between those of the first two filters.
+    usual : float
+        What was last said to be usual; at a start, which is told of nothing, the middle one.
     likely : ndarray (FILTER_COUNT,)
         Probabilities of the filters.
     count, first : int
@@ -104,7 +106,7 @@ class Bank:
         """Air, slope and lags anywhere within `spread` of a reading; turbulence as it is on the long run, as strong as
         `usual` where that is known."""
         middle = float(np.sqrt(self.ladder.lowest * self.ladder.highest)) * self.unit
-        self.middle = middle if usual is None else self._possible(usual)
+        self.middle = self.usual = middle if usual is None else self._possible(usual)
         self.likely = np.full(FILTER_COUNT, 1.0 / FILTER_COUNT)
         self.mean = np.zeros((FILTER_COUNT, self.size))
         self.mean[:, 0] = level
@@ -132,10 +134,12 @@ class Bank:
         usual: float | None = None,
     ) -> None:
         """Some time ahead, in `parts` steps; lags of `rate` (K,) and `weight` (K,) behind the air, which is straight
-        over each. Where readings say little of the air's strength, it goes to the `usual` one."""
+        over each. The air's strength goes with the `usual` one, and to it where readings say little of it."""
         if usual is not None:
-            back = 1.0 - np.exp(-step_s / STRENGTH_LASTS_S)
-            self._learn(back * np.log(self._possible(usual) / self.middle))
+            usual, back = self._possible(usual), 1.0 - np.exp(-step_s / STRENGTH_LASTS_S)
+            self._learn(np.log(usual / self.usual))
+            self._learn(back * np.log(usual / self.middle))
+            self.usual = usual
         self._mix(step_s)
         for _ in range(parts):
             self._step(step_s / parts, rate, passing_sigma, speed)

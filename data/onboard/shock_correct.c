@@ -249,6 +249,7 @@ static void start(bank *b, float level, const course *c) {
   uint8_t f, i, n = b->d->size;
   float square[SHOCK_FILTERS], wide = b->d->spread * b->unit * (b->d->spread * b->unit);
   b->own->middle = c->usual > 0.0f ? possible(b, c->usual) : sqrtf(b->d->lowest * b->d->highest) * b->unit;
+  b->own->usual = b->own->middle;
   strengths(b, square);
   for (f = 0; f < SHOCK_FILTERS; f++) {
     float *mean = b->mean + (size_t)f * n, *p = b->p + f * packed_size(b);
@@ -401,8 +402,11 @@ static void predict(bank *b, float step_s, const float *values, const course *c)
   uint8_t parts = (uint8_t)within(step_s / b->d->straight_s + 0.5f, 1.0f, @MOST_PARTS@), i;
   float back, after;
   if (c->usual > 0.0f) {
+    float usual = possible(b, c->usual);
     hold(step_s / @CHANGE_S@, &back, &after);
-    learn(b, back * logf(possible(b, c->usual) / b->own->middle));
+    learn(b, logf(usual / b->own->usual));
+    learn(b, back * logf(usual / b->own->middle));
+    b->own->usual = usual;
   }
   mix(b, step_s);
   for (i = 0; i < parts; i++) advance(b, step_s / (float)parts, values, c);

@@ -52,7 +52,7 @@ typedef struct {
 } shock_guard;
 
 typedef struct {
-  float middle;
+  float middle, usual;
   float likely[SHOCK_FILTERS];
   float since_used_s, since_read_s, shown;
   shock_guard guard;

@@ -172,6 +172,7 @@ local function start(b, level, c)
   local d = b.d
   local wide = d.spread * b.unit * (d.spread * b.unit)
   b.middle = c.usual and possible(b, c.usual) or sqrt(d.lowest * d.highest) * b.unit
+  b.usual = b.middle
   local square, n = strengths(b), d.size
   b.mean, b.p, b.likely = {}, {}, {}
   for f = 1, FILTERS do
@@ -300,8 +301,10 @@ end
 local function predict(b, step_s, values, c)
   local parts = floor(within(step_s / b.d.straight_s + 0.5, 1.0, @MOST_PARTS@))
   if c.usual then
-    local back = hold(step_s / @CHANGE_S@)
-    learn(b, back * log(possible(b, c.usual) / b.middle))
+    local usual, back = possible(b, c.usual), hold(step_s / @CHANGE_S@)
+    learn(b, log(usual / b.usual))
+    learn(b, back * log(usual / b.middle))
+    b.usual = usual
   end
   mix(b, step_s)
   for _ = 1, parts do advance(b, step_s / parts, values, c) end

@@ -115,6 +115,17 @@ def test_a_start_takes_the_strength_that_is_usual():
     np.testing.assert_allclose(bank.p[0, 2:5, 2:5].diagonal(), (0.5 * causal_bank.TURBULENCE[0]) ** 2 * OU_VARIANCES)
 
 
+def test_strength_goes_with_the_usual_one_at_once():
+    """The same eddies carry vapour and temperature: what the bead learns of them in seconds holds for the film."""
+    bank, rate, weight = Bank(HUMIDITY_LADDER, 1, False), np.array([0.1]), np.array([1.0])
+    bank.start(50.0, 10.0, weight, usual=0.1)
+    middles = []
+    for usual in (0.1, 1.0, 0.2):
+        bank.predict(0.1, weight, rate, usual=usual)
+        middles.append(bank.middle)
+    assert middles == pytest.approx([0.1, 1.0, 0.2])
+
+
 @pytest.mark.parametrize(("decimals", "step"), [(0, 1.0), (1, 0.1), (2, 0.01), (4, 0.0)])
 def test_a_log_that_hardly_changes_tells_its_step_by_its_decimals(decimals, step):
     """In calm air coarse readings stay where they are, and their changes tell nothing of a step."""
