@@ -1,11 +1,12 @@
 """Do the generated programs give the reference's numbers? C99 and Lua on the flights of flight_harm.py, and fuzzed.
 
-    python benchmarks/onboard_c.py [--kinds NAME ...] [--seeds N] [--out FILE.jsonl] [--lua LUA] [--fuzz N]
+    python benchmarks/onboard_c.py [--kinds NAME ...] [--seeds N] [--rows N] [--out FILE.jsonl] [--lua LUA] [--fuzz N]
 
 C is built with -std=c99 -Wall -Wextra -Werror -pedantic and the address and undefined-behaviour sanitizers. A line a
 kind: largest differences of values and uncertainties from the causal corrector in double precision, and values that one
-of both gave alone. With --lua NAME an interpreter runs the Lua file on the same rows. --fuzz N feeds N random rows
-(numbers of any size, NaN, infinities, repeats, clocks that jump) and counts what is no number where a value is given.
+of both gave alone. With --rows N a flight is so many rows of it, from a place that its seed draws. With --lua NAME an
+interpreter runs the Lua file on the same rows. --fuzz N feeds N random rows (numbers of any size, NaN, infinities,
+repeats, clocks that jump) and counts what is no number where a value is given.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import zlib
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -88,10 +90,19 @@ def built(design: Design, cc: str, place: Path) -> Path:
     return folder
 
 
-def score(name: str, seed: int, cc: str, lua: str | None, place: Path) -> dict:
+def stretch(flight: Flight, rows: int, rng: np.random.Generator) -> Flight:
+    """So many rows of a flight, from anywhere in it."""
+    first = int(rng.integers(max(flight.time_s.size - rows, 0) + 1))
+    names = ("time_s", "temperature_c", "humidity_percent", "airspeed_m_s", "pressure_hpa", "die_temperature_c")
+    return Flight(*(getattr(flight, name)[first : first + rows] for name in names))
+
+
+def score(name: str, seed: int, cc: str, lua: str | None, place: Path, rows: int | None) -> dict:
     """One flight through the programs and the reference."""
     flight, profile = flight_of(name, seed)
     design = flown(profile, typical_period(flight.time_s[np.isfinite(flight.time_s)]))
+    if rows is not None:
+        flight = stretch(flight, rows, np.random.default_rng([seed, zlib.crc32(name.encode()), rows]))
     folder = built(design, cc, place)
     wanted = reference(design, flight)
     line = {"kind": name, "seed": seed}
@@ -139,6 +150,7 @@ def main() -> int:
     parser.add_argument("--kinds", nargs="+", default=list(KINDS))
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--first-seed", type=int, default=0)
+    parser.add_argument("--rows", type=int, help="of each flight, from a place that its seed draws")
     parser.add_argument("--lua", help="an interpreter of Lua 5.3")
     parser.add_argument("--out", type=Path)
     parser.add_argument("--fuzz", type=int, default=0)
@@ -159,7 +171,8 @@ def main() -> int:
     jobs = [(name, seed) for seed in range(args.first_seed, args.first_seed + args.seeds) for name in args.kinds]
     with tempfile.TemporaryDirectory() as made:
         place = Path(made)
-        table(scored(args.out, jobs, ("kind", "seed"), lambda name, seed: [score(name, seed, cc, args.lua, place)]))
+        flown_one = partial(score, cc=cc, lua=args.lua, place=place, rows=args.rows)
+        table(scored(args.out, jobs, ("kind", "seed"), lambda name, seed: [flown_one(name, seed)]))
     return 0
 
 

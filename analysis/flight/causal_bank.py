@@ -9,6 +9,8 @@ that an estimate may wait for N more readings (fixed lag).
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,6 +39,7 @@ MOST_UNLIKELY = 60.0  # ln
 UNSURE_OF_STRENGTH = 1.35  # of the variance
 
 
+@lru_cache(maxsize=64)
 def moves(step_s: float) -> Array:
     """Probabilities (from, to) that the air goes over from one filter to another within a step."""
     change, bend, bent, door, shut = (
@@ -259,8 +262,10 @@ class Bank:
         return float(self.c[self.lags] @ lags), lags
 
     def _strengths(self) -> Array:
-        """Squares of the three filters' strengths."""
-        return np.square(np.append(self.middle * TURBULENCE, self.ladder.door * self.unit))
+        """Squares of the filters' strengths."""
+        own = np.empty(FILTER_COUNT)
+        own[:DOOR], own[DOOR] = self.middle * TURBULENCE, self.ladder.door * self.unit
+        return own * own
 
     def _together(self, each: Array, spread: Array) -> tuple[float, float]:
         air = float(self.likely @ each)
