@@ -1,11 +1,11 @@
 """What a fleet saves a new sensor: its numbers from few runs with the fleet as prior, beside all runs alone.
 
-    python benchmarks/fleet_prior.py [--fleet 24] [--new 100] [--seed 1] [--spread 0.01]
+    python benchmarks/fleet_prior.py [--fleet 24] [--new 100] [--seed 1] [--spread 0.01] [--few]
 
 Rough worlds of the virtual bench, all drawn from the seed. A type is drawn, then a fleet of it that is characterized by
 33 runs each, then new sensors: with ten runs at 20 degC and the fleet, and with all 33 alone. In every fifth new sensor
 the film does not belong (D 12 % larger). Coverage is of two standard uncertainties, over alpha and D at 0, 20 and 40
-degC.
+degC. With `--few` the new sensors have the ten runs only.
 """
 
 from __future__ import annotations
@@ -47,6 +47,7 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--new", type=int, default=100, help="new sensors (100)")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--spread", type=float, default=0.01, help="of ln alpha and ln D from sensor to sensor (0.01)")
+    parser.add_argument("--few", action="store_true", help="without the 33 runs of each new sensor")
     args = parser.parse_args(argv)
     base, rng = type_of_sensors(args.seed), np.random.default_rng([args.seed, 1])
     with tempfile.TemporaryDirectory() as folder:
@@ -68,21 +69,22 @@ def main(argv: list[str] | None = None) -> None:
             truth, kind = drawn_sensor(base, rng, args.spread), "belongs"
             if i % 5 == 4:
                 truth, kind = replace(truth, diffusivity_20c_m2_s=STRANGE * truth.diffusivity_20c_m2_s), "does not"
-            path = record_sensor(truth, wide_plan(), [args.seed, 3, i], Path(folder) / f"n{i}", 900 + i)
+            plan = [shock for shock in wide_plan() if not args.few or int(shock.id) in FEW]
+            path = record_sensor(truth, plan, [args.seed, 3, i], Path(folder) / f"n{i}", 900 + i)
             whole = read_campaign(path)
             short = replace(whole, runs=tuple(run for run in whole.runs if int(run.id) in FEW))
             result = characterize(short)
             prior = with_population(result, population)
             rows[kind].append(errors(prior.profile, truth))
             few[kind].append(errors(to_profile(result), truth))
-            alone.append(errors(to_profile(characterize(whole)), truth))
+            alone += [] if args.few else [errors(to_profile(characterize(whole)), truth)]
             said[kind] += not prior.belongs("humidity")
             print(f"new {i + 1}, {kind}, {prior.belongs('humidity')}", file=sys.stderr)
-            for name, row in (("alone", alone[-1]), ("few", few[kind][-1]), ("with the fleet", rows[kind][-1])):
+            for name, row in (("few", few[kind][-1]), ("with the fleet", rows[kind][-1])):
                 print(f"    {name}: {row}", file=sys.stderr, flush=True)
     print(f"{'':<34}{'sensors':>8}" + "".join(f"{f'u {n}':>9}{'cover':>7}" for n in NAMES) + f"{'all':>7}")
     for name, table in (
-        ("33 runs alone", alone),
+        *(() if args.few else (("33 runs alone", alone),)),
         ("10 runs alone", [*few["belongs"], *few["does not"]]),
         ("10 runs with the fleet", rows["belongs"]),
         ("10 runs, film does not belong", rows["does not"]),
