@@ -42,7 +42,6 @@ from shockrig.rig.virtual.plans import standard_plan, wide_plan
 
 SENSORS = {"temperature": ("imet", "X"), "humidity": ("hyt", "H")}
 PLUNGE = 13  # of the wide plan, from 40 to 20 degC
-KILLED_EVERY_S = 8.0
 QUARTERS = 4
 
 
@@ -138,17 +137,18 @@ def run(words: list[str], out: Path, count: int, kills: int, until: int | None =
     program = [sys.executable, "-c", "from shockrig.protocols.cli import main; raise SystemExit(main())", *words]
     before, began, chance = done_in(out), time.monotonic(), random.Random(1)
     process = subprocess.Popen(program, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    top, last, now, line = psutil.Process(process.pid), began, Seen(before), Seen(before)
+    top, now, line = psutil.Process(process.pid), Seen(before), Seen(before)
     ends = [count * (k + 1) // QUARTERS for k in range(QUARTERS - 1)]
+    deaths = [before + (k + 1) * ((until or count) - before) // (kills + 1) for k in range(kills)]
     while process.poll() is None:
         time.sleep(0.2)
         workers = look(top, now)
         now.done, now.clock_s = done_in(out), time.monotonic() - began
         if any(line.done < end <= now.done for end in ends):
             line = said(line, now)
-        if kills and workers and time.monotonic() - last > KILLED_EVERY_S:
+        if deaths and workers and now.done >= deaths[0]:
             chance.choice(workers).send_signal(signal.SIGKILL)
-            kills, last = kills - 1, time.monotonic()
+            deaths.pop(0)
         if until is not None and now.done >= until:
             family = top.children(recursive=True)
             process.kill()
@@ -156,8 +156,8 @@ def run(words: list[str], out: Path, count: int, kills: int, until: int | None =
                 one.kill()
     if now.clock_s > line.clock_s:
         said(line, now)
-    if until is None and (process.returncode or kills):
-        raise SystemExit(f"{' '.join(words)}: status {process.returncode}, {kills} workers left to kill")
+    if until is None and (process.returncode or deaths):
+        raise SystemExit(f"{' '.join(words)}: status {process.returncode}, {len(deaths)} workers left to kill")
 
 
 def done_in(out: Path) -> int:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
@@ -47,28 +47,28 @@ def measure(task: FleetTask) -> dict[str, Any]:
     """Characterize one; or say that it is done already, or why it cannot be. Runs on a worker."""
     from shockrig.analysis.characterize.characterize import characterize
     from shockrig.analysis.characterize.part_fit import read_extension
+    from shockrig.analysis.diagnose.remainder import Tolerance
     from shockrig.analysis.fleet.statistics import statistics_document, statistics_of
     from shockrig.files.campaign import read_campaign
-    from shockrig.files.fingerprint import fingerprint
     from shockrig.protocols.folder import software_version
-    from shockrig.protocols.made_before import current
+    from shockrig.protocols.made_before import key_of, made_from
 
     try:
         campaign = read_campaign(task.path, task.probe)
-        diagnosed = current(Path(task.path), campaign)
-        mark = fingerprint(campaign)
+        made = made_from(campaign, Tolerance())
+        mark, diagnosis = made["fingerprint"], key_of(campaign.name, made)
         extended = "" if task.extend is None else Path(task.extend).read_text(encoding="utf-8")
         settings = json.dumps([mark, task.probe, extended, software_version(), KEPT_FORMAT])
         key = sha256(settings.encode()).hexdigest()[:32]
         if task.kept is not None and (Path(task.kept) / f"{key}.json").is_file():
-            return {"key": key, "diagnosis": diagnosed}
+            return {"key": key, "diagnosis": diagnosis}
         extensions = None if task.extend is None else read_extension(task.extend)
         found = statistics_of(characterize(campaign, extensions=extensions, quickly=True), mark)
     except InputError as error:
         return {"failed": str(error)}
     except Exception as error:  # one campaign must not end the work on all others
         return {"failed": f"{type(error).__name__}: {error}; please report it with the campaign"}
-    return {"key": key, "found": statistics_document(found), "diagnosis": diagnosed}
+    return {"key": key, "found": statistics_document(found), "diagnosis": diagnosis}
 
 
 def tasks_of(folders: Sequence[Path], extend: Path | None, kept: Path | None) -> tuple[list[FleetTask], dict[str, str]]:
@@ -121,6 +121,7 @@ def measured_fleet(
     from shockrig.files.json_files import read_json, write_json
     from shockrig.protocols.time_left import TimeLeft
 
+    causes = causes_of_campaigns(Path(task.path) for task in tasks)
     found: dict[int, CampaignStatistics] = {}
     failed: dict[str, str] = {}
     clock, before = TimeLeft(), 0
@@ -140,23 +141,21 @@ def measured_fleet(
             elif file is not None:
                 file.parent.mkdir(parents=True, exist_ok=True)
                 write_json(file, {"format": KEPT_FORMAT, **document})
-            found[place] = replace(
-                statistics_from({**document, "path": task.path}), causes=causes_in(outcome["diagnosis"])
-            )
+            one = statistics_from({**document, "path": task.path})
+            found[place] = replace(one, causes=causes.get(outcome["diagnosis"], {}))
         kept = f", {before} of them before" if before else ""
         say(f"{done} of {len(tasks)} characterized{kept}{clock.after(done / len(tasks))}")
     return [found[place] for place in sorted(found)], failed
 
 
-def causes_in(diagnosis: Path | None) -> dict[str, tuple[StatedEffect, ...]]:
-    """Channel -> the causes that a diagnosis names."""
-    from shockrig.files.diagnosis import read_diagnosis
+def causes_of_campaigns(paths: Iterable[Path]) -> dict[str, dict[str, tuple[StatedEffect, ...]]]:
+    """Key of each diagnosis that lies in or beside some campaigns (`made_before.key_of`) -> channel -> the causes that
+    it names."""
+    from shockrig.protocols.made_before import all_of
 
-    if diagnosis is None:
-        return {}
     return {
-        name: tuple(cause.as_effect() for cause in channel.causes)
-        for name, channel in read_diagnosis(diagnosis).channels.items()
+        key: {name: tuple(cause.as_effect() for cause in channel.causes) for name, channel in stated.channels.items()}
+        for key, stated in all_of(paths)
     }
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import json
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -102,6 +103,36 @@ def current(path: Path, campaign: Campaign) -> Path | None:
     return next((file for file, stated in _of(path, campaign) if not outdated(stated, campaign)), None)
 
 
+def key_of(campaign: str, made_from: Any) -> str:
+    """By what a diagnosis is known: the campaign's name, and what it was made from."""
+    return json.dumps([campaign, made_from], sort_keys=True)
+
+
+def all_of(paths: Iterable[Path]) -> Iterator[tuple[str, StatedDiagnosis]]:
+    """All diagnoses in or beside some campaigns' folders by `key_of`, each read once, the newest last.
+
+    Campaigns lie beside one another, so that to look about for each of them by itself would take time as the square of
+    their number.
+    """
+    from shockrig.files.diagnosis import read_diagnosis
+    from shockrig.files.errors import InputError
+
+    homes = {path.resolve() for path in paths}
+    places = homes | {home.parent for home in homes}
+    files = {file for place in places for deep in ("*", "*/probe-*") for file in place.glob(f"{deep}/diagnosis.json")}
+    files |= {file for home in homes if (file := home / "diagnosis.json").is_file()}
+    for file in sorted(files, key=_newest_first, reverse=True):
+        try:
+            stated = read_diagnosis(file)
+        except InputError:
+            continue
+        yield key_of(stated.campaign, stated.extra.get(KEY)), stated
+
+
+def _newest_first(file: Path) -> tuple[float, str]:
+    return -file.stat().st_mtime, str(file)
+
+
 def _of(path: Path, campaign: Campaign) -> Iterator[tuple[Path, StatedDiagnosis]]:
     """Diagnoses of a campaign's probe by name, in its folder, in folders in that and beside it; the newest first."""
     from shockrig.files.diagnosis import read_diagnosis
@@ -111,7 +142,7 @@ def _of(path: Path, campaign: Campaign) -> Iterator[tuple[Path, StatedDiagnosis]
     files = {file for place in (home.parent, home) for file in place.glob("*/diagnosis.json")}
     files |= {file for place in (home.parent, home) for file in place.glob(f"*/probe-{campaign.probe}/diagnosis.json")}
     files |= {file for file in (home / "diagnosis.json",) if file.is_file()}
-    for file in sorted(files, key=lambda file: (-file.stat().st_mtime, str(file))):
+    for file in sorted(files, key=_newest_first):
         try:
             stated = read_diagnosis(file)
         except InputError:

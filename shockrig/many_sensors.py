@@ -57,11 +57,11 @@ def fleet(
     --------
     read_fleet : reads what the command wrote.
     """
+    from shockrig.analysis.diagnose.remainder import Tolerance
     from shockrig.analysis.fleet.fleet import fleet_of
     from shockrig.analysis.fleet.statistics import statistics_of
-    from shockrig.files.fingerprint import fingerprint
-    from shockrig.protocols.fleet_map import FleetTask, causes_in, tasks_of
-    from shockrig.protocols.made_before import current
+    from shockrig.protocols.fleet_map import FleetTask, causes_of_campaigns, tasks_of
+    from shockrig.protocols.made_before import key_of, made_from
 
     say = progress or (lambda text: None)
     given = [campaigns] if isinstance(campaigns, str | os.PathLike) else list(campaigns)
@@ -71,6 +71,7 @@ def fleet(
         tasks, failed = tasks_of(folders, None, None)
         found, extensions = [], extensions_of(extend)
         sources: list[Campaign | FleetTask] = [*read, *tasks]
+        causes = causes_of_campaigns(Path(one.path) for one in sources)
         for one in sources:
             name = str(one.path)
             say(f"{name}: characterizing")
@@ -78,8 +79,9 @@ def fleet(
                 campaign = one if isinstance(one, Campaign) else read_campaign(Path(one.path), one.probe)
                 wanted = of_campaign(campaign, channels)
                 result = _characterize(campaign, extensions=extensions, quickly=True, channels=wanted)
-                causes = causes_in(current(campaign.path, campaign))
-                found.append(replace(statistics_of(result, fingerprint(campaign)), causes=causes))
+                made = made_from(campaign, Tolerance())
+                its_own = causes.get(key_of(campaign.name, made), {})
+                found.append(replace(statistics_of(result, made["fingerprint"]), causes=its_own))
             except InputError as error:
                 failed[name] = str(error)
         return fleet_of(found, failed, {"software": f"shockrig {software_version()}"})

@@ -164,14 +164,16 @@ def _beside_others(one: FleetMember, columns: Array | None, widest: int) -> Flee
 
 
 def runs_in_common(probes: Sequence[CampaignStatistics]) -> dict[str, dict[str, float]]:
-    """How much of what runs differ by is the same in all probes, by path and channel of campaigns with several.
+    """How much of what runs differ by is the same in all probes, by path and channel of campaigns with several; of too
+    few runs nothing can be said.
 
     Where their rates differ from run to run by the same, the airflow was another one, or the air.
     """
-    found = {}
+    found: dict[str, dict[str, float]] = {}
     for path, beside in _side_by_side(probes).items():
-        here = sorted({name for one in beside for name in one.channels}, key=CHANNELS.index)
-        found[path] = {channel: common_share(_rates_beside(beside, channel)) for channel in here}
+        for channel in sorted({name for one in beside for name in one.channels}, key=CHANNELS.index):
+            if (share := common_share(_rates_beside(beside, channel))) is not None:
+                found.setdefault(path, {})[channel] = share
     return found
 
 
@@ -190,7 +192,7 @@ def carriage_errors(
     for independent errors of unit variance; only of campaigns whose probes have something in common."""
     found: dict[tuple[str, str], Array] = {}
     for path, beside in _side_by_side(probes).items():
-        shares = in_common[path]
+        shares = in_common.get(path, {})
         places = {run: k for k, run in enumerate(_runs_of(beside))}
         stacked = []
         for probe in beside:
@@ -198,7 +200,8 @@ def carriage_errors(
             first = 0
             for name, c in probe.channels.items():
                 here = slice(first, first := first + c.value.size)
-                moved[here, [places[name, run] for run in c.rates.runs]] = math.sqrt(shares[name]) * c.rates.moves
+                at = [places[name, run] for run in c.rates.runs]
+                moved[here, at] = math.sqrt(shares.get(name, 0.0)) * c.rates.moves
             stacked.append(moved)
         if not np.any(np.vstack(stacked)):
             continue
@@ -229,8 +232,9 @@ def _rates_beside(beside: Sequence[CampaignStatistics], channel: str) -> Array:
     return off
 
 
-def common_share(off: Array) -> float:
-    """How much of the variance of deviations (n, R) is the same in all probes: its mean under what they say.
+def common_share(off: Array) -> float | None:
+    """How much of the variance of deviations (n, R) is the same in all probes: its mean under what they say; None where
+    too few runs say it.
 
     Half of the prior is that nothing is, the other half any share alike; the likelihood is that of normal numbers, of
     which those of one run correlate by the share.
@@ -238,7 +242,7 @@ def common_share(off: Array) -> float:
     there = np.isfinite(off).sum(axis=0)
     off, there = off[:, there > 1], there[there > 1]
     if there.size < LEAST_COMMON_RUNS:
-        return 0.0
+        return None
     middle = np.nanmean(off, axis=0)
     between, within = there * middle**2, np.nansum((off - middle) ** 2, axis=0)
     share = SHARES[:, None]

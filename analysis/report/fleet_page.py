@@ -108,7 +108,7 @@ def write_fleet_page(fleet: Fleet, folder: Path) -> Path:
             Text(f"{sentence(t)} By accident: {plain(t.probability, 2)}.", "warning") for t in fleet.trends
         ]
         sections.append(Section("What differs along the fleet", trends))
-    if fleet.causes or fleet.runs_in_common:
+    if fleet.causes:
         sections.append(Section("Whose the causes are", _causes(fleet)))
     image = save_figure(plot_fleet(fleet), folder, "fleet")
     caption = (
@@ -117,6 +117,8 @@ def write_fleet_page(fleet: Fleet, folder: Path) -> Path:
     )
     sections.append(Section("The sensors", [Figure(image, caption, "Each sensor beside the others"), *_tables(fleet)]))
     sections.append(Section("The type", _type(fleet)))
+    if fleet.runs_in_common:
+        sections.append(Section("What runs have in common", _in_common(fleet)))
     if fleet.left_out or any(s.missing for s in fleet.sensors):
         rows = [(name, why) for name, why in fleet.left_out.items()]
         rows += [(f"{s.name}, {channel}", why) for s in fleet.sensors for channel, why in s.missing.items()]
@@ -185,19 +187,24 @@ def _causes(fleet: Fleet) -> list[Block]:
         for name, p in one.parameters.items()
     ]
     said: list[Block] = [Text(cause_sentence(one)) for one in fleet.causes]
-    said += [
-        Text(f"Of what the runs of {path} differ by in {SYMBOL[channel]}, {share:.0%} is the same in all probes.")
-        for path, shares in fleet.runs_in_common.items()
-        for channel, share in shares.items()
-    ]
     heads = ("parameter", "whose", "mean ± u", "spread from sensor to sensor", "sensors")
     return [*said, *([Table(heads, rows)] if rows else []), Text(WHOSE_IT_IS)]
 
 
 WHOSE_IT_IS = """A cause that most sensors show with one value, all on one bench, is taken for the bench's: a property
 that all sensors share to within its uncertainty would look the same, and campaigns on another bench tell. One that most
-show with values that differ, or on several benches, is the type's; one that a single sensor shows is its own. What runs
-differ by in all probes alike is the bench's: another airflow or air than was recorded."""
+show with values that differ, or on several benches, is the type's; one that a single sensor shows is its own."""
+
+
+def _in_common(fleet: Fleet) -> list[Block]:
+    """How much of what runs differ by is the bench's, of each campaign with several probes."""
+    rows: list[Sequence[Cell]] = [
+        (path, SYMBOL[channel], f"{100.0 * share:.0f} %")
+        for path, shares in fleet.runs_in_common.items()
+        for channel, share in shares.items()
+    ]
+    why = "What runs differ by in all probes alike is the bench's: another airflow or air than was recorded."
+    return [Table(("campaign", "rate", "of what runs differ by, the same in all probes"), rows), Text(why)]
 
 
 def _mean(fleet: Fleet, k: int) -> str:

@@ -40,6 +40,7 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.files.errors import InputError
     from shockrig.files.fleet import write_fleet
     from shockrig.files.fleet_views import write_fleet_tables
+    from shockrig.files.numbers import counted
     from shockrig.files.profile import write_profile
     from shockrig.protocols.commands.characterize import say
     from shockrig.protocols.fleet_map import KEPT_IN, measured_fleet, said_now_and_then, tasks_of
@@ -59,8 +60,8 @@ def main(args: argparse.Namespace) -> int:
     if args.extend is not None:
         provenance["extended_by"] = str(args.extend)
     if emulated := sum(one.emulated for one in found):
-        provenance["data"] = f"emulated instruments: invented, not measured ({emulated} of {len(found)} campaigns)"
-    say(f"population of {len(found)} campaigns")
+        provenance["data"] = f"emulated instruments: invented, not measured ({emulated} of {len(found)} probes)"
+    say(f"population of {counted(len(found), 'probe')}")
     fleet = fleet_of(found, {**unread, **failed}, provenance)
     with whole_folder(args.out) as folder:
         write_fleet(fleet, folder / "fleet.json")

@@ -25,6 +25,7 @@ from shockrig.analysis.fleet.prior import with_population
 from shockrig.analysis.fleet.statistics import statistics_of
 from shockrig.analysis.fleet.whose import DiagnosedProbe, causes_of, judged_causes
 from shockrig.analysis.report.fleet_page import cause_sentence, write_fleet_page
+from shockrig.files import diagnosis
 from shockrig.files.causes import StatedEffect, Uncertain
 from shockrig.files.errors import InputError
 from shockrig.files.fleet import BENCH, SENSOR, TYPE, design, fleet_document, read_fleet
@@ -95,7 +96,14 @@ def test_what_runs_of_a_carriage_have_in_common_is_found():
         both = np.sqrt(true) * rng.standard_normal(16) + np.sqrt(1.0 - true) * rng.standard_normal((8, 16))
         both[0, 3] = np.nan
         assert low <= common_share(both) <= high
-    assert common_share(both[:1]) == 0.0 and common_share(both[:, :3]) == 0.0
+    assert common_share(both[:1]) is None and common_share(both[:, :3]) is None
+
+
+def test_of_too_few_runs_nothing_is_said_to_be_in_common(tmp_path):
+    statistics, _ = drawn_fleet(np.random.default_rng(5), 6, probes=3)
+    fleet = fleet_of(statistics)
+    page = write_fleet_page(fleet, tmp_path).read_text()
+    assert not fleet.runs_in_common and "in common" not in page and "Whose the causes are" not in page
 
 
 def test_sums_over_carriages_are_generalised_least_squares_of_all_numbers():
@@ -464,6 +472,10 @@ def test_the_command_writes_what_it_found_and_does_nothing_twice(bench, alone_of
     assert fleet_document(again)["population"] == fleet_document(fleet)["population"]
 
 
+def reading(read, function):
+    return lambda path: read.append(path) or function(path)
+
+
 def counting(asked, function):
     return lambda tasks, workers, scheduler, say: function(tasks, workers, scheduler, asked.append)
 
@@ -554,7 +566,8 @@ def test_two_time_constants_are_one_solution_whichever_is_called_the_body(logger
     assert lag.standard_uncertainty > np.std([one.value for one in own], ddof=1)
 
 
-def test_diagnoses_beside_the_campaigns_are_read(loggers):
+def test_diagnoses_beside_the_campaigns_are_read_once(loggers, monkeypatch):
+    """To look through all of them for each campaign would take time as the square of their number."""
     folder, _, starts = loggers
     for i in range(4):
         campaign = shockrig.read_campaign(folder / f"L{i}")
@@ -562,9 +575,13 @@ def test_diagnoses_beside_the_campaigns_are_read(loggers):
     outdated = json.loads((folder / "L3" / "diagnosis.json").read_text())
     outdated["made_from"]["fingerprint"] = "another"
     (folder / "L3" / "diagnosis.json").write_text(json.dumps(outdated))
-    (cause,) = shockrig.fleet(folder).causes
+    read = []
+    monkeypatch.setattr(diagnosis, "read_diagnosis", reading(read, diagnosis.read_diagnosis))
+    found, _ = fleet_map.measured_fleet(fleet_map.tasks_of([folder], None, None)[0], 1, None, lambda text: None)
+    assert len(read) == 4
+    (cause,) = fleet_of(found).causes
     assert (cause.effect, cause.sensors, cause.diagnosed) == ("parallel_lag", ("L0", "L1", "L2"), 3)
-    assert cause.whose == "type"
+    assert cause.whose == "type" and shockrig.fleet(folder).causes == (cause,)
 
 
 def test_the_virtual_bench_makes_fleets(tmp_path, capsys):
