@@ -24,8 +24,8 @@ from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 from scipy.linalg import blas, lapack
 
-from shockrig.analysis.learn.bins import SUB_SAMPLES, FlightBins
-from shockrig.analysis.learn.laws import SECOND, Law, Values, drawn_back, response
+from shockrig.analysis.learn.bins import FlightBins
+from shockrig.analysis.learn.laws import SECOND, USUAL_PATH_S, Law, Values, drawn_back, response
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.learned import SIZES
 
@@ -35,6 +35,7 @@ KNOTS_PER_BIN = 0.5  # of the shared air
 PROFILE_DEGREE = 4  # of a flight's usual temperature over altitude
 LAYER_SHARE = 0.1  # of the range of altitudes: how far a change of the air reaches, and lengths below do at most
 EDDY_M, EDDY_S = 40.0, 60.0  # how far turbulence reaches, and how long it lasts
+OWN_S = USUAL_PATH_S  # how long what a sensor does by itself lasts: as its housing takes to follow
 AROUND_SHARE, AROUND_M = 0.05, 50.0  # of the range of altitudes, and at least: over which a profile is as steep
 LEAST_STEEPNESS = 0.05  # of the usual, where the readings are as flat as can be
 ROUNDED = 1e-9  # of the largest variance along a change of the air: what is smaller is rounding
@@ -151,14 +152,9 @@ def prepared(bins: FlightBins, channel: str) -> FlightChannelData:
     meanwhile = np.minimum(since[:, None], since[None, :])  # the covariance of what grows as a random walk
     apart_m = np.abs(altitude[:, None] - altitude[None, :])
     apart_s = np.abs(time[:, None] - time[None, :])
-    near = np.exp(-apart_m / layer)
-    changes = np.stack(
-        [
-            meanwhile,
-            meanwhile * near,
-            np.exp(-apart_m / min(EDDY_M, layer) - apart_s / EDDY_S),
-        ]
-    )
+    alike = _smooth if bins.sensors else _rough
+    eddies = alike(apart_m / min(EDDY_M, layer)) * alike(apart_s / EDDY_S)
+    changes = np.stack([meanwhile, meanwhile * alike(apart_m / layer), eddies])
     changes *= np.outer(film, film)
     changes, met = _met_by_several(bins, rows, changes)
     sizes = _with_own(2.0 * np.log(list(USUAL.values())), bins)
@@ -186,6 +182,20 @@ def prepared(bins: FlightBins, channel: str) -> FlightChannelData:
     )
 
 
+def _rough(apart: Array) -> Array:
+    """Correlation of what is so many lengths apart."""
+    return np.exp(-apart)
+
+
+def _smooth(apart: Array) -> Array:
+    """The same as sensors read it, which lag: without jumps (Matérn's of order 3/2).
+
+    One sensor's noise hides whether what it reads is smooth. Two that read the same know their noise, and rough air
+    would be refuted: what changed would then be taken for a law of both.
+    """
+    return (1.0 + 2.0 * apart) * np.exp(-2.0 * apart)
+
+
 def _with_own(sizes: Array, bins: FlightBins) -> Array:
     """Sizes with that of each sensor's own change before the noise's, where several are side by side: as eddies'."""
     return np.r_[sizes[:-1], sizes[-2], sizes[-1]] if bins.sensors else sizes
@@ -201,8 +211,9 @@ def _met_by_several(bins: FlightBins, rows: NDArray[np.int64], changes: Array) -
 
     What one sensor reads of a change is free, since nobody knows how rough the air is. What two sensors of unlike lags
     read of one change tells their lags (`SensorModel.beside_fastest`), so that it is no covariance of readings any
-    more. In its place each sensor has a change of its own, as eddies are: what no law holds of one of two sensors
-    would else be taken for a law of both. Of one sensor alone, nothing differs.
+    more. In its place each sensor has a change of its own: what no law holds of one of two sensors would else be taken
+    for a law of both. It is a function of time, since what a sensor does by itself knows no altitude. Of one sensor
+    alone, nothing differs.
     """
     if not bins.sensors:
         return changes, ()
@@ -214,7 +225,8 @@ def _met_by_several(bins: FlightBins, rows: NDArray[np.int64], changes: Array) -
         columns[rows] = vectors[:, kept] * np.sqrt(sizes[kept])
         found.append(columns)
     sensor = np.searchsorted(bins.begins, rows, side="right")
-    own = changes[-1] * (sensor[:, None] == sensor)
+    time = bins.time_s[rows]
+    own = _smooth(np.abs(time[:, None] - time) / OWN_S) * (sensor[:, None] == sensor)
     changes[1:] = 0.0
     return np.concatenate([changes, own[None]]), tuple(found)
 
@@ -441,7 +453,7 @@ def _seen_all(data: FlightChannelData, sensor: SensorModel, met: MetAir, air: Ar
     seen = _seen(data, sensor, met, air)
     if not data.met:
         return seen
-    changes = np.repeat(np.hstack(data.met)[:, None], SUB_SAMPLES, axis=1)
+    changes = np.hstack(data.met)[:, None]  # held over whole bins
     return np.hstack([seen, response(sensor.beside_fastest(data), data.bins, changes)[data.rows]])
 
 

@@ -404,11 +404,12 @@ def climbed(
 
 
 def hopeful(
-    tried: Sequence[Sequence[Learned]], first: Learned, units: Sequence[FlightChannelData]
+    tried: Sequence[Sequence[Learned]], units: Sequence[FlightChannelData], first: Learned | None = None
 ) -> list[Sequence[Learned]]:
     """Models that are worth the whole way: not hopelessly behind the best on the first flights, or one that has gone
     there."""
-    best = max([float(first.value[_first(units)].sum()), *(ends[0].total for ends in tried)])
+    gone = [] if first is None else [float(first.value[_first(units)].sum())]
+    best = max(gone + [ends[0].total for ends in tried])
     return [ends for ends in tried if ends[0].total > best - HOPELESS_NATS]
 
 

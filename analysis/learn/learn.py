@@ -275,7 +275,7 @@ def _raced(
         begins[laws] = first if lagging else nothing
         starts = _beside(laws, first, stated) if lagging else started(laws[0])
         tried.append(explored(laws, units, starts, stated, begins[laws]))
-    others = [climbed(ends, units, stated, begins[ends[0].laws]) for ends in hopeful(tried, first, units)]
+    others = [climbed(ends, units, stated, begins[ends[0].laws]) for ends in hopeful(tried, units, first)]
     return [nothing, first, *others]
 
 
@@ -362,7 +362,7 @@ def _with_clock(
         if not found:
             found.append(climbed(tried[laws], every, stated))
     beside = list(tried.values())[1:]
-    return found + [climbed(ends, every, stated, found[0]) for ends in hopeful(beside, found[0], every)]
+    return found + [climbed(ends, every, stated, found[0]) for ends in hopeful(beside, every, found[0])]
 
 
 def parameters_of(fit: Learned, law: Law) -> tuple[LearnedNumber, ...]:

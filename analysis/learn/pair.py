@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from shockrig.analysis.estimate.predictive import weights
 from shockrig.analysis.learn.bins import FlightBins, side_by_side
 from shockrig.analysis.learn.density import FlightChannelData, prepared, sizes_of_one
-from shockrig.analysis.learn.fit import Learned, fitted
+from shockrig.analysis.learn.fit import Learned, climbed, fitted, hopeful
 from shockrig.analysis.learn.laws import LAWS, SECOND, SHIFT, Law, LawParameter, Values
 from shockrig.analysis.learn.learn import (
     CLOCK,
@@ -129,19 +129,25 @@ def learn_pair(
         raise InputError("no flight has both sensors with passes through the same air; give logs of flights with both")
     units = {c: [_both(bins[0][n], bins[1][n], c) for n in names if all(b[n].has(c) for b in bins)] for c in shared}
     single = [{c: [prepared(own[one.bins.name], c) for one in units[c]] for c in shared} for own in bins]
-    raced: dict[str, list[Learned]] = {}
-    for c in list(shared):
+    clock = any(cause.probability >= POSSIBLE for found in alone for cause in found.position)
+    raced, lags = {}, {}
+    for c in shared:
         progress(f"{c}: both sensors at once")
-        fits = _raced(c, units[c], (alone[0].channels[c], alone[1].channels[c]), stated)
+        fits, lags[c] = _raced(c, units[c], (alone[0].channels[c], alone[1].channels[c]), stated)
         raced[c] = [one for one in fits if not _refuted(one, c, [own[c] for own in single])]
-        if all(not _every_law([one]) for one in raced[c]):  # what was fitted to both is none of them
-            shared.remove(c)
-    if not shared:
-        return PairLearned(alone, alone)
-    models: list[tuple[Learned, ...]] = list(product(*(raced[c] for c in shared)))
-    if any(cause.probability >= POSSIBLE for found in alone for cause in found.position):
+    joint: list[Learned] = []
+    if clock:  # without it, what is fitted to both may be none of them
         progress("the position's clock")
-        models += [(one,) for one in _with_clock(shared, raced, units, alone, stated)]
+        joint = [
+            one
+            for one in with_clock(raced, lags, units, alone, stated)
+            if not any(_refuted(one, c, [own[c] for own in single]) for c in shared)
+        ]
+    if not joint:
+        shared = [c for c in shared if any(_every_law([one]) for one in raced[c])]
+    models: list[tuple[Learned, ...]] = [*product(*(raced[c] for c in shared)), *((one,) for one in joint)]
+    if not shared or not models:
+        return PairLearned(alone, alone)
     scores = [np.concatenate([part.predicted() for part in model]) for model in models]
     priors = [LAW_LOG_PRIOR * sum(law.key != "lag" for law in _every_law(model)) for model in models]
     weight = weights(scores, priors)
@@ -221,18 +227,23 @@ def _raced(
     units: list[FlightChannelData],
     alone: tuple[ChannelLearned, ChannelLearned],
     stated: Mapping[str, tuple[float, float]] | None,
-) -> list[Learned]:
-    """What either sensor alone leaves possible, nothing, and one lag: each with each of the other's.
+) -> tuple[list[Learned], Learned]:
+    """What either sensor alone leaves possible, nothing, and one lag: each with each of the other's; and a lag of each.
 
     Each begins with air that stays: that of a pair which is wrong leaves no room to the one which is right.
     """
+    lag = ((LAWS[f"{channel}.lag"],),) * 2
     pairs = product(*(_possible(channel, one).items() for one in alone))
-    found = [
-        fitted((beside(channel, first, second),), units, np.r_[at, at_second, 0.0], None, stated)
+    tried = {
+        (first, second): [
+            fitted((beside(channel, first, second),), units, np.r_[at, at_second, 0.0], None, stated, whole=False)
+        ]
         for (first, at), (second, at_second) in pairs
-    ]
+    }
+    plain = climbed(tried.pop(lag), units, stated)
+    found = [plain, *(climbed(ends, units, stated) for ends in hopeful(list(tried.values()), units, plain))]
     best = max(float(one.predicted().sum()) for one in found)
-    return [one for one in found if float(one.predicted().sum()) > best - FAR_BEHIND_NATS]
+    return [one for one in found if float(one.predicted().sum()) > best - FAR_BEHIND_NATS], plain
 
 
 def _refuted(fit: Learned, channel: str, single: Sequence[list[FlightChannelData]]) -> bool:
@@ -259,27 +270,24 @@ def _own(fit: Learned, law: Law) -> list[float]:
     return [float(t) for t, one in zip(fit.theta, whose, strict=True) if one is law]
 
 
-def _with_clock(
-    channels: Sequence[str],
+def with_clock(
     raced: Mapping[str, list[Learned]],
+    lags: Mapping[str, Learned],
     units: Mapping[str, list[FlightChannelData]],
     alone: Sequence[FlightsLearned],
     stated: Mapping[str, tuple[float, float]] | None,
 ) -> list[Learned]:
     """The clock that either sensor may show, beside lags of all and beside the best model of each channel."""
     shift = max((c for found in alone for c in found.position), key=lambda one: one.probability).parameters[0].value
-    every = [unit for c in channels for unit in units[c]]
-    lag = {c: LAWS[f"{c}.lag"] for c in channels}
-    plain = [[one for one in raced[c] if _pair(one).of_each == ((lag[c],), (lag[c],))][:1] for c in channels]
-    best = [[max(raced[c], key=lambda one: float(one.predicted().sum()))] for c in channels]
-    found: dict[Model, Learned] = {}
-    for parts in product(*(([*p, *b]) for p, b in zip(plain, best, strict=True))):
+    every = [unit for c in raced for unit in units[c]]
+    beside_it = [[lags[c], *sorted(raced[c], key=lambda one: -float(one.predicted().sum()))[:1]] for c in raced]
+    tried: dict[Model, list[Learned]] = {}
+    for parts in product(*beside_it):
         laws = (CLOCK, *(law for part in parts for law in part.laws))
-        if laws not in found:
+        if laws not in tried:
             rest = np.concatenate([part.theta for part in parts])
-            begin = replace(parts[0], sizes=tuple(size for part in parts for size in part.sizes))
-            found[laws] = fitted(laws, every, np.r_[shift, rest], begin, stated)
-    return list(found.values())
+            tried[laws] = [fitted(laws, every, np.r_[shift, rest], None, stated, whole=False)]
+    return [climbed(ends, every, stated) for ends in hopeful(list(tried.values()), every)]
 
 
 def _pair(fit: Learned, channel: str = "") -> SensorsBeside:

@@ -20,8 +20,8 @@ from shockrig.analysis.learn.bins import SUB_SAMPLES, binned, passes, side_by_si
 from shockrig.analysis.learn.density import SensorModel, begun, density, prepared, slopes
 from shockrig.analysis.learn.fit import Learned, fitted, known_of
 from shockrig.analysis.learn.laws import LAWS, response
-from shockrig.analysis.learn.learn import FlightCause, LearnedNumber, learn
-from shockrig.analysis.learn.pair import beside
+from shockrig.analysis.learn.learn import CLOCK, FlightCause, LearnedNumber, learn
+from shockrig.analysis.learn.pair import beside, with_clock
 from shockrig.analysis.learn.passes import disagreement
 from shockrig.analysis.learn.profile import learned_profile, stated_by
 from shockrig.files.flight import Flight
@@ -80,7 +80,7 @@ def test_a_lag_follows_a_step_as_its_exponential(flight):
     np.testing.assert_allclose(seen, mean, rtol=1e-9)
 
 
-def assert_slopes_are_those_of_the_density(unit, laws, values, own, parameters):
+def assert_slopes_are_those_of_the_density(unit, laws, values, own, parameters, step_of_own=1e-4):
     """Analytic slopes over parameters (name, step, in its logarithm), sizes and moves, against differences."""
     found, _ = slopes(density(unit, SensorModel(laws, values), own), parameters)
     for i, (name, step, log) in enumerate(parameters):
@@ -94,9 +94,9 @@ def assert_slopes_are_those_of_the_density(unit, laws, values, own, parameters):
         ]
         assert found[i] == pytest.approx((near[1] - near[0]) / (2 * step), rel=0.02, abs=0.05), name
     for i in range(own.size):
-        ahead = [own + s * np.eye(own.size)[i] for s in (-1e-4, 1e-4)]  # no knot between
+        ahead = [own + s * np.eye(own.size)[i] for s in (-step_of_own, step_of_own)]  # no knot between
         near = [density(unit, SensorModel(laws, values), one).value for one in ahead]
-        assert found[len(parameters) + i] == pytest.approx((near[1] - near[0]) / 2e-4, rel=0.05, abs=0.1)
+        assert found[len(parameters) + i] == pytest.approx((near[1] - near[0]) / (2 * step_of_own), rel=0.05, abs=0.1)
 
 
 @pytest.mark.parametrize(
@@ -413,7 +413,7 @@ def test_slopes_of_two_sensors_are_those_of_their_density(twins, channel, first,
     parameters = tuple((p.name, 1e-4, p.log) for one in laws for p in one.parameters)
     values = {name: usual[name.removesuffix("_2")] * (1.5 if name.endswith("_2") else 1.0) for name, *_ in parameters}
     own = begun(unit) + 0.1
-    assert_slopes_are_those_of_the_density(unit, laws, values, own, parameters)
+    assert_slopes_are_those_of_the_density(unit, laws, values, own, parameters, step_of_own=5e-4)  # less is rounding
 
 
 def two_columns(twins, folder, quantity="temperature"):
@@ -519,6 +519,37 @@ def test_lags_of_two_sensors_are_within_their_uncertainties(twins, channel, lags
         assert found.theta[place] == pytest.approx(np.log(true), abs=2.0 * sigma)
     if channel == "temperature":
         assert found.theta[-1] == pytest.approx(0.3, abs=0.02)
+
+
+def test_a_housing_of_one_bead_is_no_lag_of_both_films():
+    """Films of 10 s, one beside a bead with a slow path: what that bead says wrongly is its sensor's own."""
+    flights = WORLDS.side_by_side(91004, WORLDS.Truth(slow_share=0.25), WORLDS.Truth(), flights=2)
+    units = [prepared(side_by_side(*(binned(one.flight, "one", 128) for one in pair)), "humidity") for pair in flights]
+    lag = LAWS["humidity.lag"]
+    law = beside("humidity", (lag,), (lag,))
+    found = fitted((law,), units, np.array([np.log(10.0), 0.0, 0.5, np.log(10.0), 0.0, 0.5, 0.0]))
+    for name in ("time_constant_s", "time_constant_s_2"):
+        place = [one.name for one in law.parameters].index(name)
+        sigma = float(np.sqrt(found.covariance[place, place]))
+        assert found.theta[place] == pytest.approx(np.log(10.0), abs=2.5 * sigma)
+        assert sigma < 0.15
+
+
+def test_a_clock_is_found_where_nothing_fits_without_it():
+    """Two thermometers whose altitude is 18 s late: without a clock no lags of both are right, so that the clock is
+    tried beside one lag of each, whatever was left of the race."""
+    truth = WORLDS.Truth(clock_s=18.0)
+    flights = WORLDS.side_by_side(91003, truth, replace(truth, temperature_lag_s=2.0), flights=2)
+    units = [
+        prepared(side_by_side(*(binned(one.flight, "one", 128) for one in pair)), "temperature") for pair in flights
+    ]
+    lag = LAWS["temperature.lag"]
+    plain = fitted((beside("temperature", (lag,), (lag,)),), units, np.array([np.log(5.0), np.log(2.0), 0.0]))
+    cause = FlightCause(CLOCK, 1.0, (LearnedNumber(CLOCK.parameters[0], 15.0, 1.0),))
+    alone = [SimpleNamespace(position=(cause,)), SimpleNamespace(position=())]
+    (found,) = with_clock({"temperature": []}, {"temperature": plain}, {"temperature": units}, alone, None)
+    assert found.theta[0] == pytest.approx(18.0, abs=2.0)
+    assert found.total > plain.total + 100.0
 
 
 def test_two_logs_of_one_flight_in_python(twins):
