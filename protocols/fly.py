@@ -183,6 +183,7 @@ class OnboardFlight:
         self._speakers, self._say, self._unix_s = speakers, say, unix_s
         self._watchdog, self._follower = watchdog, follower
         self._surroundings, self._autopilot = _Surroundings(autopilot), autopilot
+        design_of(profile, settings.period_s)  # what cannot fly is refused before anything is written
         now = clock.now()
         self.log = FlightLog(out, settings.about, now, settings.sync_every_s, self._tell)
         self.hub = SensorHub(sensors, clock, self._tell)

@@ -1,10 +1,12 @@
-// Asks for view.json once a second and draws the flight: values now, and profiles over altitude (over time where the
-// altitude is not known). Whatever comes is set as text, never as markup.
+// Asks for view.json once a second and draws the flight: values now, profiles over altitude, and a course over time
+// where the altitude does not move or is not known. Whatever comes is set as text, never as markup.
 "use strict";
 
 const EVERY_MS = 1000;
 const SVG = "http://www.w3.org/2000/svg";
 const COVER = 1.96;
+const STILL_M = 10; // within which an altitude wanders in a hover
+const HOVER_S = 300; // of which the course is shown
 const SHOWN = [
   ["Temperature", "temperature", "°C", "K", 2, ["temperature_c", "temperature_uncertainty_k", "temperature_read_c"]],
   ["Relative humidity", "humidity", "%RH", "%RH", 1,
@@ -64,20 +66,21 @@ function pieces(points, key) {
   return found.filter((piece) => piece.length > 1);
 }
 
-function chart(points, over, [title, kind, unit, , digits, [value, spread, read]]) {
-  const wide = 440;
-  const [high, left, right, top, bottom] = [420, 56, 12, 10, 40];
-  const upward = over.endsWith("altitude");
-  const height = upward ? "altitude_m" : "time_s";
-  const shown = points.filter((p) => p[height] !== null);
+// Over altitude values go across and the altitude up, over time the time goes across and values up.
+function chart(points, over, [title, kind, unit, , , [value, spread, read]]) {
+  const upward = over !== "time";
+  const [wide, high, left, right, top, bottom] = [440, upward ? 420 : 240, 56, 12, 10, 40];
+  const along = upward ? "altitude_m" : "time_s";
+  const shown = points.filter((p) => p[along] !== null);
   const values = shown.flatMap((p) => [p[value], p[read]]).filter((v) => v !== null);
   if (values.length < 2) return element("p", `${title}: no values yet`, "quiet");
-  const [x0, x1] = range(values, 0.1);
-  const [y0, y1] = range(shown.map((p) => p[height]), 1.0);
+  const ranges = [range(values, 0.1), range(shown.map((p) => p[along]), 1.0)];
+  const [[x0, x1], [y0, y1]] = upward ? ranges : ranges.reverse();
   const x = (v) => left + ((v - x0) / (x1 - x0)) * (wide - left - right);
   const y = (v) => high - bottom - ((v - y0) / (y1 - y0)) * (high - top - bottom);
+  const place = (v, p) => (upward ? [x(v), y(p[along])] : [x(p[along]), y(v)]).map((at) => at.toFixed(1)).join(",");
   const svg = drawn("svg", { viewBox: `0 0 ${wide} ${high}`, role: "img" });
-  svg.append(drawn("title", {}, `${title} over ${upward ? over : "time"}`));
+  svg.append(drawn("title", {}, `${title} over ${over}`));
   const [across, up] = [ticks(x0, x1, 4), ticks(y0, y1, 6)];
   for (const v of up.found) {
     svg.append(drawn("line", { class: "grid", x1: left, x2: wide - right, y1: y(v), y2: y(v) }));
@@ -88,21 +91,30 @@ function chart(points, over, [title, kind, unit, , digits, [value, spread, read]
     svg.append(drawn("text", { class: "tick middle", x: x(v), y: high - bottom + 16 }, v.toFixed(across.digits)));
   }
   for (const piece of pieces(shown, value)) {
-    const band = (sign) => piece.map((p) => [x(p[value] + sign * COVER * (p[spread] || 0)), y(p[height])]);
-    const outline = [...band(1), ...band(-1).reverse()].map((p) => p.map((v) => v.toFixed(1)).join(",")).join(" ");
-    svg.append(drawn("polygon", { class: `band ${kind}`, points: outline }));
+    const band = (sign) => piece.map((p) => place(p[value] + sign * COVER * (p[spread] || 0), p));
+    svg.append(drawn("polygon", { class: `band ${kind}`, points: [...band(1), ...band(-1).reverse()].join(" ") }));
   }
   for (const [key, classes] of [[read, "trace read"], [value, `trace ${kind}`]]) {
     for (const piece of pieces(shown, key)) {
-      const line = piece.map((p) => `${x(p[key]).toFixed(1)},${y(p[height]).toFixed(1)}`).join(" ");
-      svg.append(drawn("polyline", { class: classes, points: line }));
+      svg.append(drawn("polyline", { class: classes, points: piece.map((p) => place(p[key], p)).join(" ") }));
     }
   }
-  const words = `${unit}, over ${upward ? `${over} in m` : "time in s"}`;
+  const words = upward ? `${unit}, over ${over} in m` : `time in s; ${unit} upward`;
   svg.append(drawn("text", { class: "tick middle", x: (left + wide - right) / 2, y: high - 6 }, words));
   const figure = element("figure");
   figure.append(element("figcaption", title), svg);
   return figure;
+}
+
+// How far the altitude has moved; nowhere where it is not known.
+function moved(points) {
+  const altitudes = points.map((p) => p.altitude_m).filter((a) => a !== null);
+  return altitudes.length ? Math.max(...altitudes) - Math.min(...altitudes) : 0;
+}
+
+function draw(id, points, over) {
+  part(`${id}-part`).hidden = points.length === 0;
+  part(id).replaceChildren(...(points.length ? SHOWN.map((one) => chart(points, over, one)) : []));
 }
 
 function show(view) {
@@ -112,8 +124,11 @@ function show(view) {
   const where = view.now && view.now.altitude_m !== null ? `, ${view.over} ${Math.round(view.now.altitude_m)} m` : "";
   part("summary").textContent = view.summary + when + where;
   part("health").replaceChildren(...SHOWN.map((one) => card(view.now, one)));
-  const over = view.profile.some((p) => p.altitude_m !== null) ? view.over : "time";
-  part("traces").replaceChildren(...SHOWN.map((one) => chart(view.profile, over, one)));
+  const known = view.profile.some((p) => p.altitude_m !== null);
+  const late = known ? view.profile.filter((p) => p.time_s >= view.now.time_s - HOVER_S) : view.profile;
+  draw("profile", moved(view.profile) >= STILL_M ? view.profile : [], view.over);
+  draw("course", moved(late) < STILL_M ? late : [], "time");
+  part("course-why").textContent = known ? `The ${view.over} does not move.` : "The altitude is not known.";
   part("messages-part").hidden = view.messages.length === 0;
   part("messages").replaceChildren(...view.messages.map((text) => element("li", text)));
 }

@@ -96,6 +96,7 @@ def main(args: argparse.Namespace) -> int:
     )
     speakers, autopilot = links(args)
     follower = FlightFollower() if args.web else None
+    server = None if follower is None else _served(follower, args)
     watchdog = Watchdog()
     flight = OnboardFlight(
         bench.sensors,
@@ -109,10 +110,7 @@ def main(args: argparse.Namespace) -> int:
         watchdog=watchdog,
         follower=follower,
     )
-    server = None
     try:
-        if follower is not None:
-            server = _served(follower, args)
         print(f"{flight.log.folder}: Ctrl-C ends the flight", flush=True)
         watchdog.say("READY=1")
         end_s = math.inf if args.for_s is None else bench.clock.now() + args.for_s

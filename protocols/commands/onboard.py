@@ -24,6 +24,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Write DIR, and compare the program with its reference where there is a flight."""
+    import numpy as np
+
     from shockrig.analysis.flight.doubts import profile_doubts
     from shockrig.analysis.flight.smooth_channel import typical_period
     from shockrig.analysis.onboard import c_source, flown, lua_source, page, state_bytes
@@ -37,6 +39,9 @@ def main(args: argparse.Namespace) -> int:
         raise InputError(f"--period-s {args.period_s:g}: expected 0.001 to 60 s")
     profile = read_profile(args.profile)
     flight = None if args.flight is None else read_flight(args.flight)
+    for name in ("temperature_c", "humidity_percent"):
+        if flight is not None and not np.isfinite(getattr(flight, name)).any():
+            raise InputError(f"{args.flight}: no {name} in it; a program on board corrects both: give a log with both")
     period = args.period_s or (None if flight is None else typical_period(flight.time_s))
     design = flown(profile, period)
     note = f"shockrig {software_version()}"

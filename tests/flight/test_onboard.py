@@ -184,6 +184,16 @@ def test_the_command_writes_sources_and_measures_them(tmp_path, capsys):
     assert "on the 200 rows of flight.csv" in page and "-11 to 41 degC" in page and not re.search(r"@[A-Z_]+@", page)
 
 
+@pytest.mark.parametrize("column", ["temperature_c", "humidity_percent"])
+def test_a_log_that_lacks_a_reading_compares_nothing_and_is_refused(tmp_path, capsys, column):
+    write_profile(typical_profile(), tmp_path / "profile.json")
+    flown_log(False).iloc[:200].drop(columns=column).to_csv(tmp_path / "flight.csv", index=False)
+    out = tmp_path / "program"
+    arguments = ["onboard", str(tmp_path / "profile.json"), "--out", str(out), "--flight", str(tmp_path / "flight.csv")]
+    assert main(arguments) == 2
+    assert f"no {column} in it" in capsys.readouterr().err and not out.exists()
+
+
 def test_without_a_compiler_it_says_so(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("shockrig.protocols.onboard_check.shutil.which", lambda name: None)
     write_profile(typical_profile(), tmp_path / "profile.json")

@@ -10,10 +10,12 @@ import socket
 import subprocess
 import sys
 from collections import Counter
+from dataclasses import replace
 from urllib.request import urlopen
 
 import numpy as np
 import pytest
+from browser import CHROMIUM, page_at
 from emulated import emulating, with_bus
 from processes import ended, heard, wait_for
 
@@ -22,7 +24,7 @@ from shockrig.analysis.flight.causal_design import design_of
 from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.physics.standard_atmosphere import pressure_altitude_m
 from shockrig.files.flight_rows import whole_flight
-from shockrig.files.profile import write_profile
+from shockrig.files.profile import StatedEffect, Uncertain, write_profile
 from shockrig.protocols.cli import main
 from shockrig.protocols.fly import COLUMNS, LOG, FlightLog, Watchdog
 from shockrig.protocols.fly_page import FlightFollower, serve_beside
@@ -180,6 +182,30 @@ def test_the_page_shows_the_profile_over_altitude():
     assert view["now"]["altitude_m"] == pytest.approx(pressure_altitude_m(950.01))
 
 
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine: the page is not looked at in a browser")
+def test_in_a_hover_the_page_shows_a_course_over_time(tmp_path):
+    """Which of both charts are there on the ground, in a climb, in the hover after it, and without any altitude."""
+    follower, time_s = FlightFollower(), iter(range(10_000))
+
+    def flown(altitudes):
+        for altitude_m in altitudes:
+            said = SaidAir(float(next(time_s)), (20.0, 50.0), (0.1, 1.0), (20.5, 51.0))
+            follower.take(said, {"altitude_m": altitude_m, "pressure_hpa": NAN})
+
+    server = serve_beside(follower, "127.0.0.1", 0)
+    with page_at(server.url, tmp_path / "profile") as run:
+        titles = "[...document.querySelectorAll('section:not([hidden]) svg title')].map((t) => t.textContent).join()"
+        over = {way: f"Temperature over {way},Relative humidity over {way}" for way in ("altitude", "time")}
+        shown = over | {"both": f"{over['altitude']},{over['time']}"}
+        for altitudes, charts in (
+            ([NAN] * 20, "time"), ([3.0, 4.0] * 10, "time"), (range(4, 104), "altitude"), ([104.0] * 400, "both")
+        ):  # fmt: skip
+            flown(altitudes)
+            wait_for(lambda charts=charts: run(titles) == shown[charts])
+    server.shutdown()
+    server.server_close()
+
+
 @pytest.fixture
 def profile(tmp_path):
     path = tmp_path / "profile.json"
@@ -209,6 +235,22 @@ def test_the_unit_starts_the_same_flight_at_boot(profile, tmp_path, capsys, monk
 def test_what_cannot_be_flown_is_refused(profile, tmp_path, capsys, arguments, words):
     assert main(["fly", "--profile", str(profile), "--out", str(tmp_path / "out"), *arguments]) == 2
     assert words in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_port_that_is_taken_or_a_profile_that_lacks_a_number_begins_no_flight(profile, tmp_path, capsys):
+    lacking, plain = tmp_path / "lacking.json", typical_profile()
+    effect = StatedEffect("dead_time", {"other": Uncertain(0.1, 0.1)})
+    write_profile(replace(plain, humidity=replace(plain.humidity, effects=(effect,))), lacking)
+    out = ["--out", str(tmp_path / "out")]
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = str(taken.getsockname()[1])
+        arguments = ["--bench", "drone", "--profile", str(profile), "--for-s", "1", "--web", "--port", port]
+        assert main(["fly", *arguments, *out]) == 2
+    assert "Address already in use; give another" in capsys.readouterr().err
+    assert main(["fly", "--bench", "drone", "--profile", str(lacking), "--for-s", "1", *out]) == 2
+    assert "lacks the parameter 'delay_s'" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) to build the preload library with")
