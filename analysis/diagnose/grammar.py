@@ -55,7 +55,7 @@ SCALING: tuple[Factor, ...] = (
     ("step", "power"),
     ("humidity", "exponential"),
     ("pressure", "power"),
-    ("run_order", "exponential"),
+    ("run_order", "trend"),
 )
 
 
@@ -248,8 +248,8 @@ def starts_of(effect: Effect, form: Form, channel: Channel) -> list[dict[str, fl
 
 DEPENDENCE_SIGMAS = 3.0  # beyond which a dependence is one
 # A dependence of this size is worth knowing; what is known better than this is excluded.
-SHARP = {"power": 0.15, "exponential": 0.01, "ratio": 0.1}
-SHARP_HUMIDITY, SHARP_ORDER = 0.4, 0.01
+SHARP = {"power": 0.15, "exponential": 0.01, "ratio": 0.1, "trend": 0.01}
+SHARP_HUMIDITY = 0.4
 FACTOR_STEP = 1e-3  # of a factor's number, in finite differences
 MOST_ALTERNATIVES = 5
 
@@ -313,7 +313,7 @@ def _independent(problem: Problem, final: Fit, effect: Effect) -> tuple[str, ...
         if information <= 0:
             continue
         value, spread = score / information, 1.0 / np.sqrt(information)
-        sharp = {"humidity": SHARP_HUMIDITY, "run_order": SHARP_ORDER}.get(factor, SHARP[how])
+        sharp = SHARP_HUMIDITY if factor == "humidity" else SHARP[how]
         if abs(value) < DEPENDENCE_SIGMAS * spread and spread < sharp:
             free.append(factor)
     return tuple(free)

@@ -115,10 +115,11 @@ USUAL_C = 20.0
 USUAL_PERCENT = 50.0
 USUAL_HPA = 1013.25
 USUAL_STEP = {True: 40.0, False: 20.0}  # of a channel that jumps with the air (%RH), and of one that does not (K)
+MIDDLE_RUN = 17  # of a usual campaign, counted from 0
 A_MINUTE_S = 60.0
-SLOWEST_SHARE_LOST = 0.95  # of its rate, that a body may lose within a run
+SLOWEST_SHARE_LOST = 0.95  # of its rate, that a body may lose
 USUAL_MARGIN_K = 10.0  # of dew
-SCALES = frozenset({"power", "exponential", "ratio"})  # ways in which a condition scales a strength
+SCALES = frozenset({"power", "exponential", "ratio", "trend"})  # ways in which a condition scales a strength
 SPREAD: Factor = ("history", "spread")  # not one time constant, but several, evenly spread in their logarithm
 SPREAD_OVER = np.linspace(-1.0, 1.0, 7)  # times the factor's number: logarithms of the time constants over their middle
 SCATTER: Factor = (DIFFERS_BY, "scatter")  # stronger in one run than in another, by chance
@@ -220,7 +221,6 @@ def scaling(factor: str, how: str, conditions: Conditions, jumps: bool, value: A
         exponent = {
             "ambient": c.destination_c - USUAL_C,
             "humidity": 0.5 * (c.source_percent + c.destination_percent) / 100.0 - 0.5,
-            "run_order": c.order,
         }[factor]
         return np.asarray(np.exp(value * exponent))
     if is_step(how):
@@ -228,6 +228,12 @@ def scaling(factor: str, how: str, conditions: Conditions, jumps: bool, value: A
     if how == "ratio":  # falling to rising
         return np.asarray(np.where(own_step(c, jumps) < 0, value, 1.0))
     raise ValueError(f"a strength that depends on {factor} as {how!r} is no form of behaviour")
+
+
+def run_of_strength(form: Form) -> int:
+    """The run, counted from 0, that the strength of a form is stated for where it moves from run to run: of a rate, and
+    so of alpha or D, the first, and else one in the middle, as what grows from nothing has no share to grow by."""
+    return 0 if form.behaves_as == "rate_change" else MIDDLE_RUN
 
 
 def own_step(conditions: Conditions, jumps: bool) -> Array:
@@ -249,7 +255,9 @@ def _scale(form: Form, chain: Chain, p: Arrays) -> Array:
     """
     out, by_chance = np.ones((1, chain.channel.conditions.airflow_m_s.size)), np.zeros((1, 1))
     for factor, how in form.depends_on:
-        if how in SCALES or is_step(how):
+        if how == "trend":
+            out = out * (1.0 + p[factor] * (chain.channel.conditions.order - run_of_strength(form)))
+        elif how in SCALES or is_step(how):
             out = out * scaling(factor, how, chain.channel.conditions, chain.channel.jumps_with_air, p[factor])
         elif is_group(how):
             out = out * _in_group(how, chain.channel.conditions.order)
@@ -318,7 +326,7 @@ def _rate_change(form: Form, chain: Chain, p: Arrays) -> Chain:
         moving = np.minimum(since, SLOWEST_SHARE_LOST / np.maximum(-more, 1e-12))  # it never comes to a stand
         lasted = moving + 0.5 * more * moving**2 + (1.0 + more * moving) * (since - moving)
         return replace(chain, time_s=np.where(chain.time_s > 0, lasted, chain.time_s))
-    return replace(chain, rate=chain.rate * _scale(form, chain, p))
+    return replace(chain, rate=chain.rate * np.maximum(_scale(form, chain, p), 1.0 - SLOWEST_SHARE_LOST))
 
 
 def late_by(form: Form, conditions: Conditions) -> Array:

@@ -26,6 +26,7 @@ from shockrig.analysis.effects.behaviours import (
     is_step,
     late_by,
     laws_of,
+    run_of_strength,
     times_s,
     when_it_jumps_s,
 )
@@ -132,7 +133,7 @@ NUMBERS: dict[tuple[str, str], tuple[float, float, tuple[float, ...], str, bool]
     ("humidity", "exponential"): (-6.0, 6.0, (-0.5, 0.5), "1", False),
     ("humidity", "linear"): (-1.6, 1.9, (-0.3, 0.3), "1", False),
     ("humidity", "above"): (20.0, 130.0, (92.0, 85.0, 75.0, 60.0), "%RH", False),
-    ("run_order", "exponential"): (-0.3, 0.3, (-0.004, 0.004), "1", False),
+    ("run_order", "trend"): (-1.0, 1.0, (-0.04, 0.04), "1", False),
     ("direction", "ratio"): (0.05, 20.0, (0.8, 1.25), "1", True),
     ("ambient", "zero_at"): (-60.0, 100.0, (22.0,), "degC", False),
     ("humidity", "zero_at"): (-50.0, 150.0, (45.0,), "%RH", False),
@@ -299,7 +300,7 @@ def size_unit(form: Form, unit: str) -> str:
 def equation(form: Form) -> str:
     """The equation that a form adds."""
     if form.behaves_as == "lag_in_series" and form.driver == "airflow":
-        words = "".join(f" {_in_words(factor, how)}" for factor, how in form.depends_on)
+        words = "".join(f" {_in_words(form, factor, how)}" for factor, how in form.depends_on)
         return f"flux into the body = (air - surface) / (size{words}), size in units of the body's own resistance"
     if form == MEAN:
         return "reading = mean of the readings over the last time_constant"
@@ -312,9 +313,9 @@ def equation(form: Form) -> str:
     if form.behaves_as == "gain" and ("humidity", "linear") in form.depends_on:
         return "reading (1 + size (reading - 50 %RH))"
     if form.behaves_as == "delay" and form.driver == "air_humidity":
-        words = "".join(f" {_in_words(factor, how)}" for factor, how in form.depends_on)
+        words = "".join(f" {_in_words(form, factor, how)}" for factor, how in form.depends_on)
         return f"vapour at the film(t) = vapour in the air(t - size{words})"
-    depends = "".join(f" {_in_words(factor, how)}" for factor, how in form.depends_on)
+    depends = "".join(f" {_in_words(form, factor, how)}" for factor, how in form.depends_on)
     x = {"air_temperature": "T_air", "air_humidity": "H_air", "die_temperature": "T_die", "own_response": "reading"}
     driver = x.get(form.driver, "1")
     return {
@@ -330,10 +331,11 @@ def equation(form: Form) -> str:
     }.get(form.behaves_as, "")
 
 
-def _in_words(factor: str, how: str) -> str:
+def _in_words(form: Form, factor: str, how: str) -> str:
     return {
         "power": f"{factor}^n",
         "exponential": f"exp(n {factor})",
+        "trend": f"(1 + n (run - {run_of_strength(form)}))",
         "logarithmic": "ln(1 + t / time_constant)",
         "scatter": "(1 + n z), z normal in each run,",
         "spread": "(mean over time constants from exp(-n) to exp(n) times time_constant)",

@@ -42,7 +42,7 @@ BEHAVIOURS = {
     "periodic": "a swing",
     "bursts": "bursts",
 }
-EACH = {"ambient": "per K", "run_order": "per run", "humidity": "from dry to saturated"}
+EACH = {"ambient": "per K", "humidity": "from dry to saturated"}
 FACTORS = {"run_order": "the order of the runs", "time_of_campaign": "time", "history": "how long the run has lasted"}
 
 
@@ -162,6 +162,7 @@ def _depends(on: Dependence) -> str:
         "power": f"as its power {value}",
         "exponential": f"a factor exp({value} {EACH.get(on.factor, '')})",
         "ratio": f"{value} times as much downwards",
+        "trend": f"by {value} of itself with each run",
         "zero_at": f"none at {value}",
         "linear": f"slope {value}",
         "sets_in_over": f"setting in over {value}",

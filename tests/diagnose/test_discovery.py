@@ -67,6 +67,10 @@ def test_forms_do_what_their_closed_forms_say(warm_rates):
         model = Model(channel, structure)
         return model.predict(Point(model.start(rate, named), channel.at_rest()))[0]
 
+    def reading_at(log_rate):
+        model = Model(channel, Structure())
+        return model.predict(Point(model.start(np.array([log_rate]), {}), channel.at_rest()))[0]
+
     plain, time = reading(), channel.time_s
     offset = Form("offset", "none", (("airflow", "power"),))
     expected = plain + 0.2 * (c.airflow_m_s[:, None] / 5.0) ** -0.4
@@ -98,6 +102,12 @@ def test_forms_do_what_their_closed_forms_say(warm_rates):
         np.testing.assert_allclose(share, expected, atol=1e-7)
         lag = Form("lag_in_series", "air_temperature", (("run_order", how),))
         assert np.abs(reading(lag, time_constant_s=2.0) - plain)[~there].max() < 0.02
+    trend = (("run_order", "trend"),)
+    grows = 0.3 * (1.0 + 0.05 * (c.order[:, None] - 17.0))  # the strength is that of the 18th run
+    found = reading(Form("offset", "none", trend), size=0.3, run_order=0.05)
+    np.testing.assert_allclose(found, plain + grows, atol=1e-12)
+    ages = [reading_at(np.log(0.3 * (1.0 - 0.01 * k)))[i] for i, k in enumerate(c.order)]  # and the rate the first's
+    np.testing.assert_allclose(reading(Form("rate_change", "none", trend), run_order=-0.01), ages, atol=1e-9)
     drift = Form("added_response", "none", (("history", "linear"),))
     np.testing.assert_allclose(reading(drift, size=0.2), plain + 0.2 * np.maximum(time, 0.0) / 60.0, atol=1e-12)
 
@@ -134,6 +144,22 @@ def test_a_rate_that_moves_while_a_run_lasts_is_a_clock_that_does(warm_rates):
         plain = Model(warped, Structure())
         expected = plain.predict(Point(plain.start(np.array([np.log(0.3)])), channel.at_rest()))[0]
         np.testing.assert_allclose(model.predict(Point(theta, channel.at_rest()))[0], expected, atol=2e-5)
+
+
+def test_what_is_gone_by_the_last_run_is_found_with_its_trend(warm_rates):
+    """A pulse of 0.6 K in the first run that loses the same part of that from each run to the next."""
+    channel = build_plain(warm_rates.problem.channel)
+    left = (1.0 - channel.conditions.order / channel.conditions.order.max())[:, None]
+    pulse = 0.6 * np.exp(-np.maximum(channel.time_s, 0.0) / 5.0) * (channel.time_s > 0) * left
+    found = search(replace(warm_rates.problem, channel=replace(channel, value=channel.value + pulse)))
+    (form,) = [form_of(id_) for id_ in found.best.ids if is_described(id_)]
+    assert (form.behaves_as, form.driver, form.depends_on) == ("added_rate", "none", (("run_order", "trend"),))
+    size, each = (found.best.fit.values()[form.key][name] for name in ("size", "run_order"))
+    middle = 0.6 * left[channel.conditions.order == 17][0, 0]
+    assert abs(size[0] - middle) < 4.0 * size[1] < 0.1
+    assert abs(size[0] * each[0] + 0.6 / channel.conditions.order.max()) < 0.002
+    stated = discovered_of(described(form.key, False), found.best.fit.values()[form.key])
+    assert "of itself with each run" in sentence(stated, "K")
 
 
 def test_what_is_there_in_a_group_of_runs_is_found_and_told_as_such(warm_rates):

@@ -8,6 +8,7 @@ import pytest
 from shockrig.analysis.estimate.channel import rebin
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.noise import estimate_noise, plateau_pieces, whiteners
+from shockrig.analysis.estimate.problem import make_problem
 from shockrig.files.campaign import Campaign, Run, RunAir, Trace
 
 PERIOD = 0.1
@@ -101,6 +102,19 @@ def test_whitened_bins_of_correlated_noise_are_white():
     assert white[filled].std() == pytest.approx(1.0, abs=0.06)
     lag_one = np.mean(white[:, 1:] * white[:, :-1])
     assert abs(lag_one) < 4 / np.sqrt(white.size)
+
+
+def test_whitening_by_blocks_is_the_whole_product():
+    """Of noise that is soon forgotten, of independent noise, and of a matrix that is full."""
+    channel = noisy_channel(6, 0.01, 0.02, 1.0)
+    columns = np.random.default_rng(1).normal(size=(*channel.time_s.shape, 5))
+    soon = whiteners(channel, estimate_noise(channel))
+    full = np.random.default_rng(2).normal(size=soon.shape)
+    alone = full * np.eye(full.shape[1])
+    for whitener in (soon, alone, full):
+        problem, whole = make_problem(channel, whitener), np.matmul(whitener, columns)
+        assert problem.whiten(columns) == pytest.approx(whole, rel=1e-9, abs=1e-9 * np.abs(whole).max())
+        assert problem.whiten(columns[..., 0]) == pytest.approx(whole[..., 0], rel=1e-9, abs=1e-9 * np.abs(whole).max())
 
 
 def test_no_noise_at_all_is_a_very_small_one():
