@@ -94,11 +94,14 @@ def scaling_factors(form: Form, channel: Channel) -> list[Factor]:
     there = varied(channel)
     if form.behaves_as == "rate_change" and not channel.quantity.pooled:
         there -= {"ambient"}  # each ambient has its own rate
-    if form.behaves_as == "periodic" or {"zero_at", "above"} & set(dict(form.depends_on).values()):
+    hows = set(dict(form.depends_on).values())
+    if form.behaves_as == "added_response" and "zero_at" in hows:  # how much of a room's air, whatever that air is
+        there -= {"ambient", "humidity", "step"}
+    elif form.behaves_as == "periodic" or {"zero_at", "above"} & hows:
         return []
     if form.behaves_as == "gain" and {("ambient", "linear"), ("humidity", "linear")} & set(form.depends_on):
         return []
-    if form.behaves_as in ("lag_in_series", "delay") and "linear" in dict(form.depends_on).values():
+    if form.behaves_as in ("lag_in_series", "delay") and "linear" in hows:
         return []
     if {"run_order", "time_of_campaign"} & set(form.factors) or form.driver == "die_temperature":
         there -= {"run_order"}
@@ -136,10 +139,11 @@ def forms(channel: Channel) -> Iterator[Form]:
         room = Form("added_response", own, (("ambient", "zero_at"),))
         yield Form("gain", "own_response", (("ambient", "linear"),))
         if channel.jumps_with_air:
-            yield room.with_factor("humidity", "zero_at")
-        else:
+            room = room.with_factor("humidity", "zero_at")
+        yield room
+        yield from (room.with_factor(*factor) for factor in scaling_factors(room, channel))
+        if not channel.jumps_with_air:
             yield zero
-            yield room
             if "airflow" in there:
                 yield zero.with_factor("airflow", "power")
     if "direction" in there:

@@ -115,6 +115,7 @@ USUAL_C = 20.0
 USUAL_PERCENT = 50.0
 USUAL_HPA = 1013.25
 USUAL_STEP = {True: 40.0, False: 20.0}  # of a channel that jumps with the air (%RH), and of one that does not (K)
+MOST_LET_IN = 0.95  # share of a room's air
 MIDDLE_RUN = 17  # of a usual campaign, counted from 0
 A_MINUTE_S = 60.0
 SLOWEST_SHARE_LOST = 0.95  # of its rate, that a body may lose
@@ -352,8 +353,10 @@ def _added_response(form: Form, chain: Chain, p: Arrays) -> Chain:
     """Something leaks in, proportional to a driver, with its own time constant."""
     if ("ambient", "zero_at") in form.depends_on:  # air of another state comes in with the probes and goes
         humid = p.get("humidity", np.full_like(p["ambient"], USUAL_PERCENT))
-        room = RoomAir(p["size"], p["time_constant_s"], p["ambient"], humid)
-        return replace(chain, rooms=(*chain.rooms, room))
+        share = np.clip(p["size"] * _scale(form, chain, p), 0.0, MOST_LET_IN)
+        each = np.moveaxis(times_s(form, p), -1, 0)
+        rooms = (RoomAir(share / len(each), one_s, p["ambient"], humid) for one_s in each)
+        return replace(chain, rooms=(*chain.rooms, *rooms))
     size = (p["size"] * _scale(form, chain, p))[..., None]
     if form.driver == "die_temperature":
 

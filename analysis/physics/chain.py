@@ -82,7 +82,10 @@ class Airs:
 
 @dataclass(frozen=True)
 class RoomAir:
-    """Air let in at the transfer: share `fraction` exp(-t / time_constant) of air at the room's state; each (B, 1)."""
+    """Air let in at the transfer: share `fraction` exp(-t / time_constant) of air at the room's state.
+
+    Each (B, 1), or (B, R) where it differs from run to run.
+    """
 
     fraction: Array
     time_constant_s: Array

@@ -112,6 +112,29 @@ def test_forms_do_what_their_closed_forms_say(warm_rates):
     np.testing.assert_allclose(reading(drift, size=0.2), plain + 0.2 * np.maximum(time, 0.0) / 60.0, atol=1e-12)
 
 
+def test_air_of_a_room_differs_with_the_airflow_and_goes_in_many_times(warm_rates):
+    """Beside air of that state with one time constant and a share of its own in each run, which is linear in both."""
+    channel = warm_rates.problem.channel
+    flow = (channel.conditions.airflow_m_s / 5.0) ** 0.7
+    own = ("ambient", "zero_at")
+
+    def excess(form, **values):
+        values = {"ambient": 24.0, **values}
+        model = Model(channel, Structure((described(form.key, False),)))
+        named = {f"{form.key}.{k}": v for k, v in values.items()}
+        rate = np.array([np.log(0.3)])
+        plain = Model(channel, Structure())
+        without = plain.predict(Point(plain.start(rate, {}), channel.at_rest()))[0]
+        return model.predict(Point(model.start(rate, named), channel.at_rest()))[0] - without
+
+    room = Form("added_response", "air_temperature", (own,))
+    alone = [excess(room, size=0.1, time_constant_s=tau) for tau in 4.0 * np.exp(1.5 * np.linspace(-1.0, 1.0, 7))]
+    found = excess(room.with_factor(*SPREAD), size=0.1, time_constant_s=4.0, history=1.5)
+    np.testing.assert_allclose(found, np.mean(alone, axis=0), atol=1e-9)
+    found = excess(room.with_factor("airflow", "power"), size=0.1, time_constant_s=4.0, airflow=0.7)
+    np.testing.assert_allclose(found, flow[:, None] * excess(room, size=0.1, time_constant_s=4.0), atol=1e-9)
+
+
 def test_what_passes_many_lags_is_the_mean_of_what_passes_each(warm_rates):
     """An echo of the reading with several time constants, beside those with one of them each."""
     channel, each_s = warm_rates.problem.channel, [4.0 * np.exp(1.5 * over) for over in np.linspace(-1.0, 1.0, 7)]
