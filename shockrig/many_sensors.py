@@ -6,7 +6,6 @@ import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from shockrig.analysis.characterize.characterize import characterize as _characterize
 from shockrig.channels import Channels, of_campaign
@@ -18,9 +17,6 @@ from shockrig.files.fleet import Fleet
 from shockrig.given import PathLike, Progress
 from shockrig.protocols.folder import software_version
 from shockrig.remedies import as_python
-
-if TYPE_CHECKING:
-    pass
 
 
 def fleet(

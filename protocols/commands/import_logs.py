@@ -40,6 +40,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     columns.add_argument("--hyt-time", metavar="COLUMN", help="time in the hygrometer's file")
     columns.add_argument("--hyt-humidity", metavar="COLUMN", help="relative humidity that the hygrometer reads")
     columns.add_argument("--hyt-temperature", metavar="COLUMN", help="the hygrometer's own die temperature")
+    _add_layout(parser)
+    _add_run(parser)
+
+
+def _add_layout(parser: argparse.ArgumentParser) -> None:
     layout = parser.add_argument_group("how the logger writes (found out where left out)")
     layout.add_argument(
         "--time-unit",
@@ -59,6 +64,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=["percent", "fraction"],
         help="of the humidity column (as its name says, else percent)",
     )
+
+
+def _add_run(parser: argparse.ArgumentParser) -> None:
     run = parser.add_argument_group("the run (leave out what is not known)")
     run.add_argument("--source-temperature", metavar="DEGC", type=float, help="of the air that the probes come from")
     run.add_argument(

@@ -128,8 +128,7 @@ def _plan_runs(args: argparse.Namespace) -> int:
     from shockrig.analysis.plan.goals import parse_goals
     from shockrig.analysis.plan.shock import ORDINARY
     from shockrig.analysis.plan.varied import usual_of
-    from shockrig.files.disk import demand_place, shown, write_whole
-    from shockrig.files.errors import InputError
+    from shockrig.files.disk import write_whole
     from shockrig.files.fleet import read_fleet
     from shockrig.files.json_files import write_json
     from shockrig.files.plan import append_decision, read_decisions
@@ -144,12 +143,7 @@ def _plan_runs(args: argparse.Namespace) -> int:
 
     say = Phases(PLANNING)
     goals = parse_goals(args.until)
-    if args.out.suffix != ".toml":
-        raise InputError(f"--out {shown(args.out)}: a protocol's name ends in .toml; NEXT.json is written beside it")
-    for path in (args.out, args.out.with_suffix(".json")):
-        demand_place(path)  # before the work, and so that one is not written without the other
-    if not 1 <= args.runs <= 100:
-        raise InputError(f"--runs {args.runs}: expected 1 to 100")
+    _demand_sense(args)
     population = None if args.fleet is None else read_fleet(args.fleet).population
     recorded, planned = _counted(args.campaign)
     probes = wanted_probes(args.campaign, args.probe) if recorded else ()
@@ -188,6 +182,18 @@ def _plan_runs(args: argparse.Namespace) -> int:
     if decision.status == CONTINUE:
         print(f"{counted(len(decision.choices), 'run')} in {args.out}: shockrig run {args.out} --out {args.campaign}")
     return 0
+
+
+def _demand_sense(args: argparse.Namespace) -> None:
+    from shockrig.files.disk import demand_place, shown
+    from shockrig.files.errors import InputError
+
+    if args.out.suffix != ".toml":
+        raise InputError(f"--out {shown(args.out)}: a protocol's name ends in .toml; NEXT.json is written beside it")
+    for path in (args.out, args.out.with_suffix(".json")):
+        demand_place(path)  # before the work, and so that one is not written without the other
+    if not 1 <= args.runs <= 100:
+        raise InputError(f"--runs {args.runs}: expected 1 to 100")
 
 
 def _counted(path: Path) -> tuple[int, int]:

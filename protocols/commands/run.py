@@ -67,6 +67,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--dry-run", action="store_true", help="print the plan and what shockrig check finds; nothing moves"
     )
     parser.add_argument("--watch", action="store_true", help="show the live view of shockrig watch meanwhile")
+    _add_emulated(parser)
+
+
+def _add_emulated(parser: argparse.ArgumentParser) -> None:
     virtual = parser.add_argument_group("emulated instruments")
     virtual.add_argument("--seed", type=int, help="which sensors, noise and hidden effects")
     virtual.add_argument("--probes", metavar="N", type=int, help="how many are recorded at once (1)")
@@ -210,8 +214,7 @@ def _emulated(args: argparse.Namespace, config: Any) -> tuple[Any, _Sealed]:
     from shockrig.rig.bench import of_one_type, open_bench
     from shockrig.rig.bench_file import LARGEST_SEED
     from shockrig.rig.errors import BenchError
-    from shockrig.rig.recorder.state import read_head
-    from shockrig.rig.virtual.hide import COMFORTABLE, draw_hidden, open_seal
+    from shockrig.rig.virtual.hide import COMFORTABLE, draw_hidden
     from shockrig.rig.virtual.truth import (
         REALISTIC,
         ROUGH,
@@ -226,15 +229,7 @@ def _emulated(args: argparse.Namespace, config: Any) -> tuple[Any, _Sealed]:
     path = args.sealed or out.with_name(out.name + ".sealed")
     seed, truth, recorded = args.seed, None, 0
     if is_there(out / "campaign.json") and not args.dry_run:
-        head = read_head(args.out)
-        if not head.get("emulated", path.exists()):
-            there = f"the bench {head['bench']!r}" if "bench" in head else "another bench"
-            raise BenchError(f"{args.out}: was recorded on {there}, not on emulated instruments; name it by --bench")
-        if not path.exists():
-            raise BenchError(f"{path}: the sealed truth of {args.out} is gone; name it by --sealed, or another --out")
-        truth, seed = open_seal(path)
-        if args.seed not in (None, seed):
-            raise BenchError(f"{args.out} was begun with another --seed; leave it out, or give another --out")
+        truth, seed = _unsealed(args, path)
         recorded = sum(1 for _ in out.glob("runs/*/run.json"))
     elif is_there(path) and not args.dry_run:
         raise BenchError(f"{path}: is the sealed truth of another campaign; remove it, or give another --out")
@@ -261,6 +256,24 @@ def _emulated(args: argparse.Namespace, config: Any) -> tuple[Any, _Sealed]:
         raise BenchError(f"--hide: there is no probe {probe}; the bench has {', '.join(probes_of(config.sensors))}")
     bench = open_bench(config, truth=truth)
     return bench, _Sealed(path, bench.truth, seed)
+
+
+def _unsealed(args: argparse.Namespace, path: Path) -> tuple[Any, int]:
+    """The truth and the seed of a campaign that goes on."""
+    from shockrig.rig.errors import BenchError
+    from shockrig.rig.recorder.state import read_head
+    from shockrig.rig.virtual.hide import open_seal
+
+    head = read_head(args.out)
+    if not head.get("emulated", path.exists()):
+        there = f"the bench {head['bench']!r}" if "bench" in head else "another bench"
+        raise BenchError(f"{args.out}: was recorded on {there}, not on emulated instruments; name it by --bench")
+    if not path.exists():
+        raise BenchError(f"{path}: the sealed truth of {args.out} is gone; name it by --sealed, or another --out")
+    truth, seed = open_seal(path)
+    if args.seed not in (None, seed):
+        raise BenchError(f"{args.out} was begun with another --seed; leave it out, or give another --out")
+    return truth, seed
 
 
 def _free_bytes(out: Path | None) -> int | None:

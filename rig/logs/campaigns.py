@@ -67,6 +67,25 @@ def import_logs(paths: Sequence[Path], map_: LogMap, sensor: str | None = None) 
     where = shown(map_.path)
     if sensor is not None and sensor not in map_.sensors:
         raise BenchError(f"--sensor {sensor}: {where} has no [sensor.{sensor}]{did_you_mean(sensor, map_.sensors)}")
+    _demand_each_once(paths, map_, where)
+    logs = tuple(read_sensors(path, map_) for path in paths)
+    steps = tuple(steps_of(one, map_, len(paths) > 1) for one in logs)
+    campaigns = []
+    for name in (sensor,) if sensor is not None else map_.wanted:
+        runs: list[ImportedRun] = []
+        left_out: list[StepLeftOut] = []
+        for one, those in zip(logs, steps, strict=True):
+            made, not_made = runs_of(one, those, map_, name)
+            runs += made
+            left_out += not_made
+        campaigns.append(SensorCampaign(name, tuple(runs), tuple(left_out)))
+    if not any(campaign.runs for campaign in campaigns):
+        raise BenchError(_why_no_run(campaigns, paths, where))
+    return Imported(map_, logs, steps, tuple(campaigns))
+
+
+def _demand_each_once(paths: Sequence[Path], map_: LogMap, where: str) -> None:
+    """Raise BenchError where a log is given twice, by name or by content, or where the map speaks of others alone."""
     names = [path.name for path in paths]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
@@ -84,33 +103,20 @@ def import_logs(paths: Sequence[Path], map_: LogMap, sensor: str | None = None) 
             raise BenchError(
                 f"{shown(path)}: holds the same bytes as {shown(first)}, which are no second measurement; leave it out"
             )
-    logs = tuple(read_sensors(path, map_) for path in paths)
-    steps = tuple(steps_of(one, map_, len(paths) > 1) for one in logs)
-    campaigns = []
-    for name in (sensor,) if sensor is not None else map_.wanted:
-        runs: list[ImportedRun] = []
-        left_out: list[StepLeftOut] = []
-        for one, those in zip(logs, steps, strict=True):
-            made, not_made = runs_of(one, those, map_, name)
-            runs += made
-            left_out += not_made
-        campaigns.append(SensorCampaign(name, tuple(runs), tuple(left_out)))
-    if not any(campaign.runs for campaign in campaigns):
-        reasons: dict[str, str] = {}  # why -> the first step it holds for
-        for out in (out for campaign in campaigns for out in campaign.left_out):
-            reasons.setdefault(out.why, f"{out.log}: step {out.step.number}")
-        if not reasons:
-            raise BenchError(
-                f"{', '.join(map(shown, paths))}: no step is seen in it; look at it (--look --map {where}), then state "
-                "[[step]] at = ... or a smaller [steps] least_temperature_k, least_humidity_percent in the map (a step "
-                f"needs {READINGS_BEFORE} readings before it)"
-            )
-        raise BenchError(
-            "no step makes a run: "
-            + "; ".join(f"{step} {why}" for why, step in reasons.items())
-            + f"; look at it (--look --map {where}) and correct the map"
+
+
+def _why_no_run(campaigns: Sequence[SensorCampaign], paths: Sequence[Path], where: str) -> str:
+    reasons: dict[str, str] = {}  # why -> the first step it holds for
+    for out in (out for campaign in campaigns for out in campaign.left_out):
+        reasons.setdefault(out.why, f"{out.log}: step {out.step.number}")
+    if not reasons:
+        return (
+            f"{', '.join(map(shown, paths))}: no step is seen in it; look at it (--look --map {where}), then state "
+            "[[step]] at = ... or a smaller [steps] least_temperature_k, least_humidity_percent in the map (a step "
+            f"needs {READINGS_BEFORE} readings before it)"
         )
-    return Imported(map_, logs, steps, tuple(campaigns))
+    each = "; ".join(f"{step} {why}" for why, step in reasons.items())
+    return f"no step makes a run: {each}; look at it (--look --map {where}) and correct the map"
 
 
 def describe(campaign: SensorCampaign, imported: Imported, name: str, software: str) -> dict[str, Any]:

@@ -131,24 +131,10 @@ def _run(
     moments = log.time_s[readings.rows[inside]]
     zero_s = float(moments[0])
     values = {key: value[inside] for key, value in readings.values.items()}
-    tables, counts = {}, {}
-    for file, main, others in (("imet", "temperature", ()), ("hyt", "humidity", ("die_temperature",))):
-        if main not in values or np.isfinite(values[main]).sum() < 2:
-            continue
-        there = np.isfinite(values[main])
-        columns = {"time_s": moments[there] - zero_s, MEASURED[main]: values[main][there]}
-        for key in others:
-            if key in values:
-                columns["temperature_c"] = values[key][there]
-        if file == "hyt":
-            columns["stale"] = np.zeros(int(there.sum()))
-        tables[file] = _table(columns)
-        counts[file] = int(there.sum())
+    columns = _columns(values, moments - zero_s)
     air = air_columns(sensors, sensor, one.step.piece, begin_s, end_s)
     if air:
-        air["time_s"] = air["time_s"] - zero_s
-        tables["air"] = _table(air)
-        counts["air"] = int(air["time_s"].size)
+        columns["air"] = {**air, "time_s": air["time_s"] - zero_s}
     facts = {**map_.facts, **(one.said.facts if one.said is not None else {})}
     for key in ("pressure", "airflow"):
         measured = values.get(key, np.zeros(0))
@@ -182,9 +168,26 @@ def _run(
     )
     if stated and air:
         document["reference"] = stated
+    tables = {file: _table(table) for file, table in columns.items()}
+    counts = {file: int(table["time_s"].size) for file, table in columns.items()}
     return ImportedRun(
         log.path.name, one, begin_s, end_s, document, tables, counts, _remarks(sensors, one, sensor.name, begin_s)
     )
+
+
+def _columns(values: Mapping[str, Array], time_s: Array) -> dict[str, dict[str, Array]]:
+    """The columns of imet.csv and hyt.csv, of each that has two readings."""
+    found = {}
+    for file, main in (("imet", "temperature"), ("hyt", "humidity")):
+        if main not in values or np.isfinite(values[main]).sum() < 2:
+            continue
+        there = np.isfinite(values[main])
+        found[file] = {"time_s": time_s[there], MEASURED[main]: values[main][there]}
+        if file == "hyt" and "die_temperature" in values:
+            found[file]["temperature_c"] = values["die_temperature"][there]
+        if file == "hyt":
+            found[file]["stale"] = np.zeros(int(there.sum()))
+    return found
 
 
 def air_columns(sensors: SensorLog, sensor: SensorMap, piece: int, begin_s: float, end_s: float) -> dict[str, Array]:
