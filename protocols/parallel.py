@@ -10,6 +10,7 @@ import importlib
 import importlib.util
 import os
 import tempfile
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -22,6 +23,7 @@ from shockrig.files.errors import InputError
 DEATHS = 3  # of the workers of one task, from which on it is not begun again
 AHEAD = 3  # tasks for each worker that are handed out at a time
 JOINED_WITHIN = "10s"
+LOOKED_AFTER_S = 5.0
 
 Task = TypeVar("Task")
 Outcome = TypeVar("Outcome")
@@ -120,19 +122,43 @@ def _client(distributed: Any, workers: int, scheduler: str | None) -> Iterator[A
         with client:
             yield client
         return
+    settings = {
+        "distributed.scheduler.allowed-failures": DEATHS - 1,
+        "distributed.worker.profile.enabled": False,  # it keeps an hour of call stacks: hundreds of megabytes
+    }
     with (
-        dask.config.set({"distributed.scheduler.allowed-failures": DEATHS - 1}),
+        dask.config.set(settings),
         tempfile.TemporaryDirectory() as scratch,
         distributed.LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
-            dashboard_address=None,
+            dashboard_address=":0",  # another fleet may be under way on this machine
             local_directory=scratch,
             silence_logs=logging.CRITICAL,
         ) as cluster,
         distributed.Client(cluster) as client,
+        _kept_up(cluster, workers),
     ):
         yield client
+
+
+@contextmanager
+def _kept_up(cluster: Any, workers: int) -> Iterator[None]:
+    """A worker that died and is not back in time, as on a busy machine, is given up by the cluster; in its place
+    another one is begun, or in the end none would be left, and what is waited for would never come."""
+    ended = threading.Event()
+
+    def look_after() -> None:
+        while not ended.wait(LOOKED_AFTER_S):
+            cluster.scale(workers)
+
+    thread = threading.Thread(target=look_after, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 def _on_processes(

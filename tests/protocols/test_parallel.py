@@ -1,8 +1,12 @@
 """One map in this process, on processes, on Dask: the same outcomes; a worker that dies costs its task alone."""
 
+import contextlib
 import os
 import signal
+import socket
 
+import dask
+import distributed
 import pytest
 
 from shockrig.files.errors import InputError
@@ -23,6 +27,11 @@ def square_or_die(number):
     return number * number
 
 
+def kept_up(number):
+    """What Dask does from time to time on the worker."""
+    return sorted(distributed.get_worker().periodic_callbacks)
+
+
 def outcomes(work, way, count):
     workers, with_dask = WAYS[way]
     return dict(parallel.mapped(work, range(count), workers, with_dask=with_dask))
@@ -39,6 +48,29 @@ def test_a_worker_that_dies_costs_its_task_alone(way, monkeypatch):
     monkeypatch.setattr(parallel, "DEATHS", 2)
     expected = {i: i * i for i in range(9)} | {KILLS: None}
     assert outcomes(square_or_die, way, 9) == expected
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+def test_workers_that_are_not_back_in_time_are_replaced(monkeypatch):
+    """On a busy machine Dask gives them up; without others the map would wait for ever."""
+    monkeypatch.setattr(parallel, "LOOKED_AFTER_S", 0.2)
+    with dask.config.set({"distributed.deploy.lost-worker-timeout": "1ms"}):
+        assert outcomes(square_or_die, "dask", 9) == {i: i * i for i in range(9)} | {KILLS: None}
+
+
+def test_two_maps_are_under_way_at_a_time():
+    with socket.socket() as taken:
+        taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        with contextlib.suppress(OSError):  # whoever has it
+            taken.bind(("", 8787))  # where Dask shows what it does, and warns where that is taken
+            taken.listen()
+        assert outcomes(square, "dask", 2) == {0: 0, 1: 1}
+
+
+def test_workers_keep_no_call_stacks():
+    """Dask would sample them a hundred times a second and keep an hour of it: 0.1 MB a second."""
+    (found,) = {tuple(one) for one in outcomes(kept_up, "dask", 2).values()}
+    assert "heartbeat" in found and "profile" not in found
 
 
 def test_a_scheduler_that_is_not_there_is_said(monkeypatch):
