@@ -31,9 +31,10 @@ from shockrig.files.flight import Flight
 SMOOTHER = (
     "channel.VAGUE_TIMES", "channel.MOST_NOISES_OFF", "channel.ROWS_TOGETHER", "comparisons.LEAST_EXPLAINED",
     "comparisons.LEAST_OF_ITS_SIZE", "comparisons.MOST_OF_ITS_SIZE", "comparisons.NOT_AS_STATED",
-    "comparisons.MOST_TIMES", "screen.MOST_SHARE_OFF", "screen.LEAST_COLUMNS_APART", "smooth_channel.TO_AND_FRO",
-    "smooth_channel.LEAST_CALM", "smooth_channel.PLACES_IN_GAP", "smooth_channel.COMPARABLE_SHARE",
-    "stretches.LEAST_TURNED", "stretches.FELT_SHARE", "stretches.ALIVE_SHARE", "sweep.GAP_NODES",
+    "comparisons.MOST_TIMES", "comparisons.COVERED_S", "prior.BINS_PER_OCTAVE", "screen.MOST_SHARE_OFF",
+    "screen.LEAST_COLUMNS_APART", "smooth_channel.TO_AND_FRO", "smooth_channel.LEAST_CALM",
+    "smooth_channel.PLACES_IN_GAP", "smooth_channel.COMPARABLE_SHARE", "stretches.LEAST_TURNED",
+    "stretches.FELT_SHARE", "stretches.ALIVE_SHARE", "sweep.GAP_NODES",
 )  # fmt: skip
 CAUSAL = (
     "causal_bank.LEARNING", "causal_bank.STRENGTH_LASTS_S", "causal_bank.BETWEEN_BENDS_S", "causal_bank.BEND_LASTS_S",
@@ -47,7 +48,8 @@ CAUSES = {
     "logger mean": "averaged by the logger",
     "hysteresis": "hysteresis",
 }
-FLOWN = ("convective", "door, in and out", "missing samples", "absurd samples", "sun bursts", *CAUSES)
+MOVED = ("sun bursts", "icing", "fan failure")
+FLOWN = ("convective", "door, in and out", "missing samples", "absurd samples", *MOVED, *CAUSES)
 DAMAGED = ("swapped", "burst", "coarse", "gaps", "stuck", "clipped")
 LAG_S = 2.0
 

@@ -166,7 +166,7 @@ def _in_order(flight: Flight) -> tuple[Flight, NDArray[np.int64], list[str]]:
 def _as_it_came(flight: Flight, why: str, notes: list[str]) -> tuple[FlightChannel, FlightChannel]:
     """Both channels without a correction, and without an uncertainty: none would hold."""
     time_s, bead, film = flight.time_s, flight.temperature_c, flight.humidity_percent
-    of_bead = screen(time_s, bead, RANGES["temperature_c"], NOISE_K, swing=LIKELY["swing_k"].high)
+    of_bead = screen(time_s, bead, RANGES["temperature_c"], NOISE_K)
     of_film = screen(time_s, film, RANGES["humidity_reading_percent"], NOISE_PERCENT)
     return untouched("temperature", bead, of_bead, why, notes), untouched("humidity", film, of_film, why, notes)
 

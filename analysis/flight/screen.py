@@ -96,14 +96,10 @@ def _exchanged(temperature: Array, humidity: Array) -> Mask:
     rows = np.flatnonzero(((both >= can_be.low) & (both <= can_be.high)).all(axis=0))
     if rows.size < 2 * BESIDE_ROWS + 1:
         return exchanged
-    either = (
-        (BESIDE_ROWS, BESIDE_ROWS),
-        (1, BESIDE_ROWS),
-        (BESIDE_ROWS, 1),
-    )  # something else may have changed in the row beside
-    turns = np.logical_or.reduce([_turns(temperature[rows], humidity[rows], *sides) for sides in either])
-    ends = np.flatnonzero(np.diff(np.concatenate([[0], turns.astype(int), [0]])))
-    middle = (ends[::2] + ends[1::2] - 1) // 2  # a median turns for some rows
+    middle = _ends(temperature[rows], humidity[rows])
+    # where one end is not seen, it may be where a stretch in degF begins or ends as well
+    if middle.size % 2 and (also := _ends(temperature[rows], humidity[rows], degf=True)).size == middle.size + 1:
+        middle = also
     odd = np.searchsorted(middle, np.arange(rows.size), side="right") % 2 == 1
     if middle.size == 1:
         odd = _from_one_end(temperature[rows], humidity[rows], int(middle[0]))
@@ -117,6 +113,15 @@ def _exchanged(temperature: Array, humidity: Array) -> Mask:
         crossed = (np.abs(temperature - h) < np.abs(temperature - t)) | (np.abs(humidity - t) < np.abs(humidity - h))
         exchanged = (wider == 1.0) | ((wider > 0.0) & crossed)
     return exchanged
+
+
+def _ends(temperature: Array, humidity: Array, degf: bool = False) -> NDArray[np.int64]:
+    """Rows at which the columns change place."""
+    # something else may have changed in the row beside
+    either = ((BESIDE_ROWS, BESIDE_ROWS), (1, BESIDE_ROWS), (BESIDE_ROWS, 1))
+    turns = np.logical_or.reduce([_turns(temperature, humidity, *sides, degf) for sides in either])
+    ends = np.flatnonzero(np.diff(np.concatenate([[0], turns.astype(int), [0]])))
+    return np.asarray((ends[::2] + ends[1::2] - 1) // 2)  # a median turns for some rows
 
 
 def _from_one_end(temperature: Array, humidity: Array, turn: int) -> Mask:
@@ -152,9 +157,10 @@ def _jumps(before: Array, behind: Array) -> bool:
     return bool(size > LEAST_COLUMNS_APART and max(np.ptp(before), np.ptp(behind)) < MOST_SHARE_OFF * size)
 
 
-def _turns(temperature: Array, humidity: Array, before: int, behind: int) -> Mask:
+def _turns(temperature: Array, humidity: Array, before: int, behind: int, degf: bool) -> Mask:
     """Rows (n,) from which each column goes on from the other, by medians over some rows `before` and from there on:
-    single readings may be noise, and where either goes fast, the two may cross."""
+    single readings may be noise, and where either goes fast, the two may cross. With `degf` either may be in degF on
+    one side, if nothing but an exchange explains it."""
 
     def level(values: Array, size: int, first: int) -> tuple[Array, Array]:
         padded = np.pad(values, BESIDE_ROWS, mode="edge")
@@ -171,8 +177,32 @@ def _turns(temperature: Array, humidity: Array, before: int, behind: int) -> Mas
         for side in ((before, BESIDE_ROWS - before), (behind, BESIDE_ROWS))
     ]
     (t, after_t, h, after_h), moved = (one[0] for one in ends), np.max([one[1] for one in ends], axis=0)
+    straight, crossed, apart = _gone_on(t, after_t, h, after_h)
+    turns = (np.maximum(crossed, moved) < MOST_SHARE_OFF * straight) & (apart > LEAST_COLUMNS_APART)
+    if not degf:
+        return np.asarray(turns)
+    # the temperature may be in either column, and is in one of them as long as nothing is exchanged
+    of_before, of_behind = _units(t, h), _units(after_t, after_h)
+    ways = {
+        (i, j): _gone_on(of_before[i][0], of_behind[j][0], of_before[i][1], of_behind[j][1])
+        for i in range(len(of_before))
+        for j in range(len(of_behind))
+    }
+    straight = np.min([one[0] for (i, j), one in ways.items() if not i or not j or i == j], axis=0)
+    for _, crossed, apart in ways.values():
+        turns |= (np.maximum(crossed, moved) < MOST_SHARE_OFF * straight) & (apart > LEAST_COLUMNS_APART)
+    return np.asarray(turns)
+
+
+def _units(one: Array, other: Array) -> tuple[tuple[Array, Array], ...]:
+    """Two columns (n,) as they are, and with either one taken for degF."""
+    return (one, other), ((one - 32.0) / 1.8, other), (one, (other - 32.0) / 1.8)
+
+
+def _gone_on(t: Array, after_t: Array, h: Array, after_h: Array) -> tuple[Array, Array, Array]:
+    """How far (n,) the columns go in all, each from itself and each from the other; and how far apart they are."""
     straight, crossed = np.abs(after_t - t) + np.abs(after_h - h), np.abs(after_t - h) + np.abs(after_h - t)
-    return np.asarray((np.maximum(crossed, moved) < MOST_SHARE_OFF * straight) & (np.abs(t - h) > LEAST_COLUMNS_APART))
+    return straight, crossed, np.abs(t - h)
 
 
 def code_notes(codes: Mapping[str, Mask | int]) -> list[str]:
@@ -438,7 +468,7 @@ def _lone(values: Array, again: Mask, noise: float, resolution: float) -> Mask:
     lone, suspect = np.zeros(values.size, dtype=bool), _unusual(jump, noise, resolution)
     if not suspect.any():
         return lone
-    off = np.abs(values - median_filter(values, min(MEDIAN_WIDTH, values.size), mode="nearest"))
+    off = np.abs(values - _around(values, MEDIAN_WIDTH))
     suspect &= (jump > 0.5 * off) & _unusual(off, noise, resolution)
     while suspect.any():
         off[~suspect] = 0.0
@@ -446,7 +476,7 @@ def _lone(values: Array, again: Mask, noise: float, resolution: float) -> Mask:
         lone |= worst
         left = np.flatnonzero(~lone)
         around = values[left]
-        off[left] = np.abs(around - median_filter(around, min(MEDIAN_WIDTH, left.size), mode="nearest"))
+        off[left] = np.abs(around - _around(around, MEDIAN_WIDTH))
         step = np.diff(around, prepend=around[0], append=around[-1])
         on_the_way = np.ones(values.size, dtype=bool)
         on_the_way[left] = (step[:-1] * step[1:] > 0.0) & (off[left] <= LONE_SIGMAS * np.hypot(noise, resolution))
@@ -465,8 +495,14 @@ def _spikes(values: Array, new: NDArray[np.int64], swing: float, noise: float, r
     most = swing + float(np.hypot(LONE_SIGMAS * usual, SPIKE_STEPS * resolution))
     spiked = size > most
     if spiked.any():
-        spiked &= np.abs(values - median_filter(values, AROUND_WIDTH, mode="nearest"))[new] > most
+        spiked &= np.abs(values - _around(values, AROUND_WIDTH))[new] > most
     return np.asarray(spiked)
+
+
+def _around(values: Array, width: int) -> Array:
+    """Medians (n,) of so many values about each; at the ends of the log mirrored, or the last value would be its own
+    median."""
+    return np.asarray(median_filter(values, min(width, values.size), mode="mirror"))
 
 
 def _unusual(size: Array, noise: float, resolution: float) -> Mask:
@@ -476,7 +512,7 @@ def _unusual(size: Array, noise: float, resolution: float) -> Mask:
     unusual = size > np.hypot(over_all, LONE_SIGMAS * resolution)
     if unusual.any():
         half = (min(AROUND_WIDTH, size.size) - 1) // 2
-        beside = [median_filter(size, 2 * half + 1, mode="nearest", origin=side) for side in (half, -half)]
+        beside = [median_filter(size, 2 * half + 1, mode="mirror", origin=side) for side in (half, -half)]
         around = AROUND_SIGMAS * 1.4826 * np.max(beside, axis=0)
         unusual &= size > np.hypot(around, LONE_SIGMAS * resolution)
     return np.asarray(unusual)

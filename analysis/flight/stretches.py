@@ -241,7 +241,7 @@ def _elsewhere(
     first = far + 1 + np.argmax(sliding_window_view(size, 3)[far], axis=1) if far.size else far
     away |= _between(first, before[far], after[far], np.ones(far.shape, dtype=bool), values.size, np.inf)[0]
     # one from which none goes back may have one when those within its stretch are out
-    if share <= MOST_SHARE and not away.any():
+    if not away.any():
         for k in sudden[alone & (size[sudden - 1] > swing)].tolist():
             away[:k] |= k <= values.size // 2
             away[k:] |= k > values.size // 2

@@ -169,6 +169,28 @@ def test_an_absurd_reading_on_a_front_does_not_condemn_those_beside_it():
     assert np.flatnonzero(found.implausible).tolist() == [127]
 
 
+@pytest.mark.parametrize("row", [0, -1])
+def test_an_absurd_reading_at_an_end_of_the_log_stands_alone_as_any_other(row):
+    reading = np.round(13.0 + 0.05 * np.random.default_rng(2).standard_normal(240), 2)
+    reading[row] += 20.0
+    found = screen(np.arange(240.0), reading, RANGES["temperature_c"], 0.02, share=0.98, swing=15.0)
+    assert np.flatnonzero(found.implausible).tolist() == [row % 240]  # its own median, before
+    # a log that begins or ends on a front has no such reading
+    front = np.round(13.0 + 0.5 * np.minimum(np.arange(240), 20.0), 2)
+    for values in (front, front[::-1]):
+        found = screen(np.arange(240.0), values, RANGES["temperature_c"], 0.02, share=0.98, swing=15.0)
+        assert not found.implausible.any()
+
+
+@pytest.mark.parametrize("back", [0, 1])
+def test_a_stretch_in_another_unit_at_an_end_of_the_log_is_told_by_a_sensor_that_hides_no_jump(back):
+    reading = np.round(17.0 + 0.05 * np.random.default_rng(4).standard_normal(480), 2)
+    rows = slice(463, 480 - back)
+    reading[rows] = np.round(1.8 * reading[rows] + 32.0, 2)
+    found = screen(0.5 * np.arange(480), reading, RANGES["temperature_c"], 0.02, share=0.9, swing=15.0)
+    assert found.implausible[rows].all() and not found.implausible[:463].any()
+
+
 def test_an_ordinary_flight_has_nothing_of_all_that():
     for weather in (frontal(airspeed_m_s=45.0, lead_m=900.0), convective(np.random.default_rng(5), duration_s=60.0)):
         flown = fly(weather, PROFILE, 4)
@@ -236,6 +258,23 @@ def test_columns_that_change_place_in_a_log_partly_in_fahrenheit_are_the_few_one
     read = np.where(there, humidity, np.where((row >= 300) & (row < 900), 1.8 * temperature + 32.0, temperature))
     log = dataclasses.replace(
         flight(), time_s=0.1 * row, temperature_c=read, humidity_percent=np.where(there, temperature, humidity),
+        airspeed_m_s=nothing, pressure_hpa=nothing, die_temperature_c=nothing, altitude_m=None,
+    )  # fmt: skip
+    assert np.array_equal(without_codes(log)[1][EXCHANGED], there)
+
+
+def test_columns_that_change_back_in_a_stretch_in_fahrenheit_are_told_to_its_end():
+    """Before: the 200 rows ahead of them were taken for the exchanged ones."""
+    row = np.arange(480)
+    rng = np.random.default_rng(5)
+    temperature = 20.0 + 0.02 * rng.standard_normal(row.size)
+    humidity = 45.0 + 0.06 * rng.standard_normal(row.size)
+    strange = np.where((row >= 186) & (row < 240), 1.8 * temperature + 32.0, temperature)
+    there = (row >= 106) & (row < 214)
+    nothing = np.full(row.size, np.nan)
+    log = dataclasses.replace(
+        flight(), time_s=0.5 * row, temperature_c=np.where(there, humidity, strange),
+        humidity_percent=np.where(there, strange, humidity),
         airspeed_m_s=nothing, pressure_hpa=nothing, die_temperature_c=nothing, altitude_m=None,
     )  # fmt: skip
     assert np.array_equal(without_codes(log)[1][EXCHANGED], there)
@@ -439,8 +478,10 @@ def test_times_in_minutes_are_told_by_the_climb():
 
 def test_columns_in_one_anothers_place_are_said_and_given_as_read():
     log = flight()
-    swapped = dataclasses.replace(log, temperature_c=log.humidity_percent, humidity_percent=log.temperature_c)
+    through_a_door = log.humidity_percent + np.where(np.arange(log.time_s.size) < 500, 0.0, 35.0)
+    swapped = dataclasses.replace(log, temperature_c=through_a_door, humidity_percent=log.temperature_c)
     done = correct(swapped, PROFILE)
+    assert np.array_equal(done.temperature_c, swapped.temperature_c)
     assert any("seem to stand in one another's place" in note for note in done.notes)
     assert np.isnan(done.temperature_uncertainty_k).all() and done.flags["not_corrected"].all()
 
