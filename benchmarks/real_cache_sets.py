@@ -16,7 +16,18 @@ DIR/OWNER/NAME/PATH of its repository on github.
   canister, three fillings of 16 to 26 g, and the air of the room beside it, each second
 
 What is no temperature goes as a humidity, scaled into its range: oxygen in % of saturation, CO2 in units of 20 ppm.
-Nothing here is tuned to; the eight probes may be used for development.
+
+A second group, found and cut before anything of it was judged:
+
+- Brojowski/uas @0daeb91, cooling_slopes/*.csv: three motors of drones that cool after they were stopped, from their
+  hottest on, a reading in degF each 0.7 s
+- LukeChannings/gesha @81fbcaa, models/boiler_levels/measurement-history-heat-level-{2..10}.csv: the boiler of a coffee
+  machine that cools after heating of nine sizes, and its group head beside it, each 0.1 s of which each tenth is taken
+- dhill2522/ChE436-project @7ebdc16, step_test.csv: two heaters with their thermometers, switched on and to half
+- oussama-sadki/Temperature-control @767061a, step_test.csv: one such heater, one run, a row a second without times
+- AlekseyLobanov/cooling-down @9f85cd5, temperature.txt: five cups of hot water, 16 readings each by hand
+
+Nothing was tuned to either group before it was counted once (`results/real_cache.txt`).
 """
 
 from __future__ import annotations
@@ -42,6 +53,9 @@ CO2_OUT = ("2021-09-24 09:13", "2021-09-29 11:14", "2021-09-30 11:25")
 CO2_LASTS_S = 2400.0
 OPTODES = {"AA4330": ("AA3412", "AA3413", "AA3827"), "RBR": ("rbr210619", "rbr210624")}
 INTO_S, LASTS_S = 690.0, 400.0  # of the second move of the optodes
+STOPPED_US = 1100.0  # pulses for a motor that stands are 1000 us long
+BOILER_LEVELS = range(2, 11)
+HEATED_S = ((30.0, 795.0), (780.0, 1205.0))
 
 Log = pd.DataFrame
 
@@ -182,6 +196,77 @@ def canister(cache: Path, out: Path) -> None:
     write_campaign(out, T, joined, cuts, _joined(airs)[0])
 
 
+def _since(time_s: np.ndarray, value: np.ndarray, channel: str = T) -> Log:
+    """A log whose clock starts with its first reading."""
+    return pd.DataFrame({"time_s": time_s - time_s[0], COLUMN[channel]: value})
+
+
+def _motors(kind: str) -> Callable[[Path, Path], None]:
+    def make(cache: Path, out: Path) -> None:
+        logs = []
+        for path in sorted((cache / "Brojowski/uas/cooling_slopes").glob(f"Spike-{kind}-*.csv")):
+            frame = pd.read_csv(path, encoding="utf-8-sig")
+            value = (frame["4LHE Temp (ºF)"].to_numpy() - 32.0) / 1.8
+            stopped = int(np.flatnonzero(frame["ESC (µs)"] > STOPPED_US)[-1]) + 1
+            hottest = stopped + int(np.argmax(value[stopped:]))
+            logs.append(_since(frame["Time (s)"].to_numpy()[hottest:], value[hottest:]))
+        _written(out, T, logs)
+
+    return make
+
+
+def _boiler_log(cache: Path, level: int) -> pd.DataFrame:
+    """Times [s], the boiler's and the group head's temperature [degC] after one heating, each tenth row."""
+    folder = cache / "LukeChannings/gesha/models/boiler_levels"
+    return pd.read_csv(folder / f"measurement-history-heat-level-{level}.csv").iloc[::10]
+
+
+def boiler(cache: Path, out: Path) -> None:
+    """It cools from its hottest on."""
+    logs = []
+    for level in BOILER_LEVELS:
+        frame = _boiler_log(cache, level)
+        hottest = int(np.argmax(frame["boilerTempC"].to_numpy()))
+        logs.append(_since(frame["time"].to_numpy()[hottest:] / 1000.0, frame["boilerTempC"].to_numpy()[hottest:]))
+    _written(out, T, logs)
+
+
+def group_head(cache: Path, out: Path) -> None:
+    """The group head follows the boiler, which stands for the measured air."""
+    frames = [_boiler_log(cache, level) for level in BOILER_LEVELS]
+    logs, airs = (
+        [_since(f["time"].to_numpy() / 1000.0, f[one].to_numpy()) for f in frames]
+        for one in ("groupheadTempC", "boilerTempC")
+    )
+    joined, cuts = _joined(logs)
+    # Data sheet of its converter (MAX31855): 2 K at the most.
+    write_campaign(out, T, joined, cuts, _joined(airs)[0], {"temperature_standard_uncertainty_k": 1.0})
+
+
+def two_heaters(cache: Path, out: Path) -> None:
+    """Each of the two thermometers: switched on from rest, then to half the power."""
+    table = np.genfromtxt(cache / "dhill2522/ChE436-project/step_test.csv", delimiter=",", skip_header=1)
+    logs = []
+    for begin, end in HEATED_S:
+        inside = (table[:, 0] >= begin) & (table[:, 0] < end)
+        logs += [_since(table[inside, 0], table[inside, column]) for column in (6, 7)]
+    _written(out, T, logs)
+
+
+def one_heater(cache: Path, out: Path) -> None:
+    """Power, temperature; a row a second."""
+    table = np.loadtxt(cache / "oussama-sadki/Temperature-control/step_test.csv", delimiter=",")
+    _written(out, T, [_since(np.arange(float(len(table))), table[:, 1])])
+
+
+def cups(cache: Path, out: Path) -> None:
+    """Lines of all five in turns: clock, number of the cup, temperature."""
+    lines = (cache / "AlekseyLobanov/cooling-down/temperature.txt").read_text(encoding="utf-8").splitlines()
+    rows = [line.replace(":", " ").split() for line in lines if line.strip()]
+    table = np.array([[3600.0 * float(h) + 60.0 * float(m) + float(s), float(c), float(t)] for h, m, s, c, t in rows])
+    _written(out, T, [_since(*table[table[:, 1] == cup][:, (0, 2)].T) for cup in range(1, 6)])
+
+
 def cached_sets() -> list[RealSet]:
     """All of them, in the order of the table."""
     dry = (*NOT_WARMED, *NO_WATER)
@@ -195,4 +280,10 @@ def cached_sets() -> list[RealSet]:
         RealSet("oxygen optodes RBR", RH, _optodes("RBR"), None, dry),
         RealSet("heater switched on", T, heater, None, NO_WATER),
         RealSet("water that cools in a canister, air beside it", T, canister, None, NOT_WARMED),
+        *(RealSet(f"motor {kind} that cools", T, _motors(kind), None, dry) for kind in ("Mega", "Mini", "P80")),
+        RealSet("boiler that cools", T, boiler, None, dry),
+        RealSet("group head, the boiler beside it", T, group_head, None, dry),
+        RealSet("two heaters on and to half", T, two_heaters, None, NO_WATER),
+        RealSet("another lab's heater", T, one_heater, None, NO_WATER),
+        RealSet("cups that cool", T, cups, None, NOT_WARMED),
     ]
