@@ -522,9 +522,9 @@ def whiteners(channel: Channel, noise: Noise, signals: Sequence[Array] | None = 
     if step and signals is None:
         step, noise = 0.0, noise.with_rounding(step)
     period = channel.sampling_period_s
-    # The whole length of the longest run: an autocovariance cut short is none.
-    longest = max(max(int((time[-1] - time[0]) / period), time.size) for time, _ in channel.samples)
-    gamma = noise.autocovariance(longest + 2)
+    places = [_on_grid(time, period) for time, _ in channel.samples]
+    # To the end of the longest run: an autocovariance cut short is none.
+    gamma = noise.autocovariance(max(int(index[-1]) for index in places) + 3)
     bins = channel.count.shape[1]
     whitener = np.zeros((channel.runs, bins, bins))
     white_only = noise.averaged == 1 and max(noise.correlated, noise.passed) < 0.03 * noise.standard_deviation
@@ -536,10 +536,7 @@ def whiteners(channel: Channel, noise: Noise, signals: Sequence[Array] | None = 
             whitener[run, filled, filled] = np.sqrt(count[filled] / gamma[0])
             continue
         used = channel.bin_of[run] >= 0
-        time = channel.samples[run][0]
-        index = np.rint((time[used] - time[0]) / period).astype(int)
-        # No two readings have all of their noise in common, however irregularly a logger stamps them.
-        index = np.maximum.accumulate(index - np.arange(index.size)) + np.arange(index.size)
+        index = places[run][used]
         if step and signals is not None:
             lag = np.abs(index[:, None] - index[None, :])
             covariance: Array = np.where(lag < gamma.size, gamma[np.minimum(lag, gamma.size - 1)], 0.0)
@@ -552,6 +549,14 @@ def whiteners(channel: Channel, noise: Noise, signals: Sequence[Array] | None = 
         factor = linalg.cholesky(summed + 1e-12 * gamma[0] * np.eye(filled.size), lower=True)
         whitener[run][np.ix_(filled, filled)] = linalg.solve_triangular(factor, np.eye(filled.size), lower=True)
     return whitener
+
+
+def _on_grid(time_s: Array, period_s: float) -> NDArray[np.int64]:
+    """Places of a run's samples on the sampling grid, each beyond the one before: no two readings have all of their
+    noise in common, however irregularly a logger stamps them."""
+    ahead = np.arange(time_s.size)
+    nearest = np.rint((time_s - time_s[0]) / period_s).astype(int)
+    return np.maximum.accumulate(nearest - ahead) + ahead
 
 
 def _twice_summed(gamma: Array) -> Array:

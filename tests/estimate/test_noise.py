@@ -117,6 +117,14 @@ def test_whitening_by_blocks_is_the_whole_product():
         assert problem.whiten(columns[..., 0]) == pytest.approx(whole[..., 0], rel=1e-9, abs=1e-9 * np.abs(whole).max())
 
 
+def test_correlated_noise_is_whitened_where_a_logger_stamps_irregularly():
+    """Readings bunched in each second: on the grid they lie further out than the run is long."""
+    channel = noisy_channel(6, 0.01, 0.02, 1.0, runs=2)
+    bunched = tuple((np.floor(time) + 0.3 * (time % 1.0), value) for time, value in channel.samples)
+    whitener = whiteners(replace(channel, samples=bunched), replace(estimate_noise(channel), memory=0.999))
+    assert np.isfinite(whitener).all()
+
+
 def test_no_noise_at_all_is_a_very_small_one():
     noise = estimate_noise(noisy_channel(7, 0.0))
     assert 0 < noise.standard_deviation <= 1e-3
