@@ -10,7 +10,7 @@ from itertools import product
 import numpy as np
 
 from shockrig.rig.logs.stamps import EPOCH, ISO, NUMBERS, OF_DAY, TimeColumns
-from shockrig.rig.logs.text import NUMBER
+from shockrig.rig.logs.text import NUMBER, unit_in_cells
 from shockrig.rig.logs.units import UNITS, bare_name, is_called_time, unit_in_name
 
 _DATES = (
@@ -90,6 +90,9 @@ def _joined(date_: str, time_: str, columns: Mapping[str, Sequence[str]], doubt:
 def _counted(name: str, cells: Sequence[str], unit: str | None, named: bool) -> TimeColumns | None:
     """A clock of plain numbers: called a time, or ever rising."""
     texts = [cell.strip().replace(",", ".") for cell in cells]
+    in_cells = unit_in_cells(texts)
+    if in_cells in UNITS["time"]:
+        unit, texts = unit or in_cells, [m.group() if (m := NUMBER.match(text)) else text for text in texts]
     if _share(lambda text: NUMBER.fullmatch(text) is not None, texts) < 0.9:
         return None
     values = np.array([float(text) for text in texts if NUMBER.fullmatch(text)])

@@ -60,7 +60,10 @@ def parsed(clock: TimeColumns, columns: Mapping[str, NDArray[Any]]) -> NDArray[A
     if clock.every_s is not None:
         return np.zeros(0)
     if clock.format == NUMBERS:
-        return pd.to_numeric(pd.Series(columns[clock.columns[0]]), errors="coerce").to_numpy(dtype=float)
+        counts = pd.Series(columns[clock.columns[0]])
+        if counts.dtype.kind not in "fiu":  # some loggers write the unit into every cell
+            counts = counts.astype("str").str.replace(r"(?<=[\d.])\s*[a-zA-Zµμ]{1,6}$", "", regex=True)
+        return pd.to_numeric(counts, errors="coerce").to_numpy(dtype=float)
     joined = pd.Series(columns[clock.columns[0]], dtype="str").str.strip()
     for name in clock.columns[1:]:
         joined = joined + " " + pd.Series(columns[name], dtype="str").str.strip()

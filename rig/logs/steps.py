@@ -90,7 +90,7 @@ def _cluster(channels: Sequence[LogPiece], changes: Sequence[Sequence[ChangePoin
         near = sorted(clusters, key=lambda cluster: abs(cluster.time_s - time_s))
         # A change is seen late, not early, by a slow sensor: behind, the windows may just touch.
         fits = [c for c in near if -c.width_s - width_s <= time_s - c.time_s <= c.width_s + 2.0 * width_s]
-        home = next((c for c in fits if place not in c.changes), None)
+        home = next((c for c in fits if place not in c.changes and _in_order(c, near, place, time_s)), None)
         few_s = FEW_READINGS * channels[place].period_s
         again = next((c for c in near if place in c.changes and abs(c.time_s - time_s) < few_s), None)
         if again is not None and (home is None or abs(again.time_s - time_s) < abs(home.time_s - time_s)):
@@ -100,6 +100,13 @@ def _cluster(channels: Sequence[LogPiece], changes: Sequence[Sequence[ChangePoin
         else:
             clusters.append(_Cluster(time_s, width_s, {place: [change]}))
     return sorted(clusters, key=lambda cluster: cluster.time_s)
+
+
+def _in_order(cluster: _Cluster, others: Sequence[_Cluster], place: int, time_s: float) -> bool:
+    """Whether a channel's change in that cluster comes before and after its others as the clusters do: one that a wide
+    window showed may be near to a cluster that its own earlier change has passed."""
+    own = (c for c in others if place in c.changes)
+    return all((time_s - c.changes[place][0].time_s) * (cluster.time_s - c.time_s) > 0 for c in own)
 
 
 def _merged(channels: Sequence[LogPiece], clusters: Sequence[_Cluster], merge_s: float | None) -> list[list[_Cluster]]:

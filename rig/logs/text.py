@@ -272,7 +272,9 @@ def _header(
     # The names may stand in a comment: "# time temperature humidity".
     for i in reversed(range(int(np.searchsorted(kept.places, plain.places[first])))):
         found = cells(kept[i].lstrip("".join(COMMENTS) + " "))
-        if len(found) == width and not any(NUMBER.fullmatch(cell) for cell in found):
+        # Whoever writes names and rows apart may name more than a row holds.
+        whole = len(found) == width or (len(found) > width and is_called_time(found[0]))
+        if whole and not any(NUMBER.fullmatch(cell) for cell in found):
             return _unique(found, width), units, kept.number(i)
     return tuple(str(k + 1) for k in range(width)), nothing, 0
 

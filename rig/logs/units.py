@@ -74,7 +74,7 @@ _WORDS = {
 }
 _OTHER = (
     "dew", "frost", "batt", "volt", "heat index", "wet bulb", "wet-bulb", "potential", "setpoint", "direction",
-    "velocity", "ascent", "climb", "over ground",
+    "velocity", "ascent", "climb", "over ground", "efficien", "duty", "throttle", "charge",
 )  # fmt: skip
 _TIMES = (
     "time", "timestamp", "datetime", "date_time", "date time", "date-time", "t", "date", "datum", "zeit", "uhrzeit",

@@ -30,6 +30,7 @@ from shockrig.rig.logs.first_map import look_at
 from shockrig.rig.logs.map_file import parse_map
 from shockrig.rig.logs.order import in_order
 from shockrig.rig.logs.text import Layout, scan
+from shockrig.rig.logs.units import quantity_of
 
 
 def run(*arguments):
@@ -291,6 +292,28 @@ def test_a_unit_that_only_the_cells_name_is_the_readings_unit(tmp_path):
     assert np.median(bead[:50]) == pytest.approx(22.0, abs=0.05)
     first = look_at([log], tmp_path / "log.toml").text
     assert 'temperature_unit = "degF"' in first and "by its name no temperature" in first.split("resistor")[0]
+
+
+def test_a_unit_in_the_cells_of_the_times_is_theirs(tmp_path):
+    rows = [f"{1.6e9 + t:.3f}s,{c:.2f}" for t, c in zip(LOG.time_s, LOG.temperature_c, strict=True)]
+    log = written(tmp_path / "log.csv", text(["time,temp", *rows]))
+    map_ = written(tmp_path / "m.toml", look_at([log], tmp_path / "m.toml").text)
+    assert run(log, "--map", map_, "--out", tmp_path / "c") == 0
+    runs = read_campaign(tmp_path / "c").runs
+    assert len(runs) == 3 and np.diff(runs[0].imet.time_s) == pytest.approx(0.5, abs=1e-3)
+
+
+def test_a_comment_may_name_more_columns_than_there_are(tmp_path):
+    """As numpy writes a header of its own beside a table that has grown no further."""
+    rows = [f"{t:.18e},{c:.18e}" for t, c in zip(LOG.time_s, LOG.temperature_c, strict=True)]
+    scanned = scan(written(tmp_path / "log.csv", text(["# time,heater temp,P,I", *rows])), Layout())
+    assert scanned.names == ("time", "heater temp")
+
+
+@pytest.mark.parametrize("name", ["Motor Efficiency (%)", "duty cycle [%]", "charge_percent"])
+def test_a_percentage_of_something_else_is_no_humidity(name):
+    assert quantity_of(name, "percent") is None
+    assert quantity_of("Kanal 2 [%]", "percent") == "humidity"
 
 
 def test_columns_that_are_not_used_are_said_and_german_humidity_is_known(tmp_path, capsys):

@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 
 from shockrig.files.campaign import read_campaign
 from shockrig.protocols.cli import main
+from shockrig.rig.logs import steps
 from shockrig.rig.logs.changes import ChangePoint, LogPiece, noise_of, without_spikes
 from shockrig.rig.logs.channels import LEAST_SHARE
 from shockrig.rig.logs.first_map import look_at
@@ -347,3 +348,20 @@ def test_a_column_that_never_moves_has_no_start():
     still = LogPiece("bead", "temperature", time_s, np.zeros(time_s.size), 0.0, 0.1)
     found = fit_onset(still, ChangePoint(100.0, 1.0), 50.0, 150.0)
     assert np.isfinite([found.at_s, found.uncertainty_s]).all()
+
+
+def test_a_slow_change_beside_a_fast_one_does_not_part_it_from_itself(monkeypatch):
+    """A boiler heated for a minute and the metal beside it, which turns half an hour later. A window as wide as that
+    turn's touches the heating too; with the two as one step, what the boiler did next began before and took no time."""
+    time_s = np.arange(0.0, 5900.0, 0.92)
+    boiler = 35.0 + 18.0 * two_lags(time_s - 25.0, 35.0) * np.exp(-np.maximum(time_s - 100.0, 0.0) / 1800.0)
+    beside = 33.0 + 6.0 * lag(time_s - 100.0, 300.0) * np.exp(-np.maximum(time_s - 1000.0, 0.0) / 3600.0)
+    both = {"a": boiler, "b": beside}
+    pieces = [replace(channel_of(time_s, value, "temperature"), name=name) for name, value in both.items()]
+    seen = {
+        "a": (ChangePoint(35.3, 14.7), ChangePoint(188.4, 58.9)),
+        "b": (ChangePoint(164.8, 117.8), ChangePoint(1695.7, 942.1)),
+    }
+    monkeypatch.setattr(steps, "find_changes", lambda channel: seen[channel.name])
+    moves = [move for step in find_steps(pieces, 0) for move in step.moves]
+    assert {move.channel for move in moves} == {"a", "b"} and min(move.t63_s for move in moves) > 10.0
