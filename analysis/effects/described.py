@@ -265,6 +265,8 @@ def _parameters(form: Form, jumps: bool) -> Iterable[Parameter]:
     for factor, how in form.depends_on:
         if (factor, how) in NUMBERS:
             low, high, begin, of, log = NUMBERS[factor, how]
+            if how == "trend" and kind == "rate_change":  # bodies age by less than what fades out
+                begin = (-0.004, 0.004)
             prior = ROOM.get(factor) if room else None
             none = None if how in ("above", "spread") else 1.0 if log else 0.0
             yield Parameter(factor, of, low, high, begin, log=log, none=none, prior=prior, ends_say=how == "ratio")
