@@ -50,6 +50,14 @@ def lines_of(function: Function) -> int:
     return function.end_lineno - function.lineno + 1
 
 
+def docstring_lines(function: Function) -> int:
+    if ast.get_docstring(function) is None:
+        return 0
+    first = function.body[0]
+    assert first.end_lineno is not None
+    return first.end_lineno - first.lineno + 1
+
+
 def named_numbers(tree: ast.Module) -> int:
     count = 0
     for statement in tree.body:
@@ -110,6 +118,7 @@ def counted(revision: str) -> tuple[dict[str, int | str], list[str], list[tuple[
     trees = {path: ast.parse(text) for path, text in texts.items()}
     lengths = sorted(((lines_of(f), f.name, path) for path, t in trees.items() for f in functions(t)), reverse=True)
     long = [f"{length:4} {path}:{name}" for length, name, path in lengths if length > LONG_LINES]
+    bodies = [lines_of(f) - docstring_lines(f) for t in trees.values() for f in functions(t)]
     classes = Counter(n.name for t in trees.values() for n in ast.walk(t) if isinstance(n, ast.ClassDef))
     stems = Counter(Path(path).stem for path in texts if not path.endswith("__init__.py"))
     sizes = {path: text.count("\n") for path, text in texts.items()}
@@ -130,6 +139,7 @@ def counted(revision: str) -> tuple[dict[str, int | str], list[str], list[tuple[
     )
     row["bare numbers inside functions"] = sum(bare_numbers(tree) for tree in trees.values())
     row[f"functions above {LONG_LINES} lines"] = len(long)
+    row["of these without their docstrings"] = sum(length > LONG_LINES for length in bodies)
     for place in range(LONGEST_SHOWN):
         row[f"longest function {place + 1}"] = f"{lengths[place][1]} {lengths[place][0]}"
     return row, long, single
