@@ -76,8 +76,9 @@ function chart(points, over, [title, kind, unit, , , [value, spread, read]]) {
   if (values.length < 2) return element("p", `${title}: no values yet`, "quiet");
   const ranges = [range(values, 0.1), range(shown.map((p) => p[along]), 1.0)];
   const [[x0, x1], [y0, y1]] = upward ? ranges : ranges.reverse();
-  const x = (v) => left + ((v - x0) / (x1 - x0)) * (wide - left - right);
-  const y = (v) => high - bottom - ((v - y0) / (y1 - y0)) * (high - top - bottom);
+  const [width, height] = [wide - left - right, high - top - bottom];
+  const x = (v) => left + ((v - x0) / (x1 - x0)) * width;
+  const y = (v) => high - bottom - ((v - y0) / (y1 - y0)) * height;
   const place = (v, p) => (upward ? [x(v), y(p[along])] : [x(p[along]), y(v)]).map((at) => at.toFixed(1)).join(",");
   const svg = drawn("svg", { viewBox: `0 0 ${wide} ${high}`, role: "img" });
   svg.append(drawn("title", {}, `${title} over ${over}`));
@@ -90,13 +91,15 @@ function chart(points, over, [title, kind, unit, , , [value, spread, read]]) {
     svg.append(drawn("line", { class: "grid", x1: x(v), x2: x(v), y1: top, y2: high - bottom }));
     svg.append(drawn("text", { class: "tick middle", x: x(v), y: high - bottom + 16 }, v.toFixed(across.digits)));
   }
+  const inside = drawn("svg", { x: left, y: top, width, height, viewBox: `${left} ${top} ${width} ${height}` });
+  svg.append(inside); // what is wider than the chart ends at its edge
   for (const piece of pieces(shown, value)) {
     const band = (sign) => piece.map((p) => place(p[value] + sign * COVER * (p[spread] || 0), p));
-    svg.append(drawn("polygon", { class: `band ${kind}`, points: [...band(1), ...band(-1).reverse()].join(" ") }));
+    inside.append(drawn("polygon", { class: `band ${kind}`, points: [...band(1), ...band(-1).reverse()].join(" ") }));
   }
   for (const [key, classes] of [[read, "trace read"], [value, `trace ${kind}`]]) {
     for (const piece of pieces(shown, key)) {
-      svg.append(drawn("polyline", { class: classes, points: piece.map((p) => place(p[key], p)).join(" ") }));
+      inside.append(drawn("polyline", { class: classes, points: piece.map((p) => place(p[key], p)).join(" ") }));
     }
   }
   const words = upward ? `${unit}, over ${over} in m` : `time in s; ${unit} upward`;
