@@ -62,6 +62,8 @@ Log = pd.DataFrame
 
 def _joined(logs: Sequence[Log]) -> tuple[Log, list[tuple[float, float]]]:
     """Logs one after the other, and where each lies."""
+    if not logs:
+        raise FileNotFoundError("no log of it was found")
     parts, cuts = [], []
     for i, log in enumerate(logs):
         since = log["time_s"] - log["time_s"].iloc[0] + i * APART_S

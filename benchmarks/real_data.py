@@ -147,7 +147,11 @@ def main(argv: list[str] | None = None) -> int:
     worse = behind = 0
     sets, logs = (cached_sets(), args.cache) if args.cache else (real_sets(), args.logs)
     for real in (s for s in sets if args.only in s.name):
-        found = judge_set(real, logs, args.keep, args.limit)
+        try:
+            found = judge_set(real, logs, args.keep, args.limit)
+        except FileNotFoundError as error:
+            print(f"{real.name}: not judged: {error}", flush=True)
+            continue
         print("\n".join(report(real, found)), flush=True)
         if not isinstance(found["ours"], str):
             worse += found["ours"][1] > RATIO * min(e for name, e in found["rivals"].items() if name != CHOSEN)
