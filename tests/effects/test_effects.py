@@ -8,6 +8,7 @@ import pickle
 import string
 from dataclasses import replace
 
+import foreign_lab as foreign
 import numpy as np
 import pytest
 from small_worlds import record
@@ -30,7 +31,6 @@ from shockrig.analysis.estimate.readings import rounding_step
 from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.physics.chain import MeasuredAir
 from shockrig.files.campaign import read_campaign
-from shockrig.rig.virtual import foreign
 from shockrig.rig.virtual.effects import CATALOGUED, EXTRA, KINDS
 from shockrig.rig.virtual.truth import Hidden
 
