@@ -141,9 +141,7 @@ class Problem:
 
     def with_rate_scatter(self, rate_scatter: float) -> Problem:
         """With another scatter of ln rate."""
-        scatter = self.scatter.copy()
-        scatter[:, RunEffect.RATE] = rate_scatter
-        return replace(self, scatter=scatter)
+        return self._with_scatter(RunEffect.RATE, rate_scatter)
 
     @property
     def strength_scatter(self) -> float:
@@ -152,9 +150,15 @@ class Problem:
 
     def with_strength_scatter(self, strength_scatter: float) -> Problem:
         """With another scatter of an effect's strength."""
+        return self._with_scatter(RunEffect.STRENGTH, strength_scatter)
+
+    def _with_scatter(self, effect: RunEffect, value: float) -> Problem:
         scatter = self.scatter.copy()
-        scatter[:, RunEffect.STRENGTH] = strength_scatter
-        return replace(self, scatter=scatter)
+        scatter[:, effect] = value
+        new = replace(self, scatter=scatter)
+        # The whitener is the same one: what was read off it takes longer than many of its products.
+        new.__dict__.update({name: self.__dict__[name] for name in ("_weights", "_blocks") if name in self.__dict__})
+        return new
 
     @cached_property
     def _weights(self) -> Array | None:

@@ -114,6 +114,7 @@ def test_whitening_by_blocks_is_the_whole_product():
     for whitener in (soon, alone, full):
         problem, whole = make_problem(channel, whitener), np.matmul(whitener, columns)
         assert problem.whiten(columns) == pytest.approx(whole, rel=1e-9, abs=1e-9 * np.abs(whole).max())
+        assert problem.with_rate_scatter(0.01).whiten(columns) == pytest.approx(problem.whiten(columns), abs=0.0)
         assert problem.whiten(columns[..., 0]) == pytest.approx(whole[..., 0], rel=1e-9, abs=1e-9 * np.abs(whole).max())
 
 
