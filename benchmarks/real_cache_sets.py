@@ -60,7 +60,7 @@ HEATED_S = ((30.0, 795.0), (780.0, 1205.0))
 Log = pd.DataFrame
 
 
-def _joined(logs: Sequence[Log]) -> tuple[Log, list[tuple[float, float]]]:
+def join_logs(logs: Sequence[Log]) -> tuple[Log, list[tuple[float, float]]]:
     """Logs one after the other, and where each lies."""
     if not logs:
         raise FileNotFoundError("no log of it was found")
@@ -72,8 +72,8 @@ def _joined(logs: Sequence[Log]) -> tuple[Log, list[tuple[float, float]]]:
     return pd.concat(parts, ignore_index=True), cuts
 
 
-def _written(out: Path, channel: str, logs: Sequence[Log]) -> None:
-    joined, cuts = _joined(logs)
+def write_logs(out: Path, channel: str, logs: Sequence[Log]) -> None:
+    joined, cuts = join_logs(logs)
     write_campaign(out, channel, joined, cuts)
 
 
@@ -84,7 +84,7 @@ def _seconds(stamps: pd.Series) -> pd.Series:
 
 def probes(cache: Path, out: Path) -> None:
     """Each probe a run, as if one had been plunged eight times."""
-    _written(out, T, [probe_log(cache, name) for name in PROBES])
+    write_logs(out, T, [probe_log(cache, name) for name in PROBES])
 
 
 def probe_log(cache: Path, name: str) -> Log:
@@ -104,7 +104,7 @@ def rtd(cache: Path, out: Path) -> None:
     ends = [(np.median(v[:100]), np.median(v[-100:])) for v in volts]
     slope, offset = np.polyfit(np.ravel(ends), np.ravel(WATERS_C), 1)
     logs = [pd.DataFrame({"time_s": period_s * np.arange(v.size), COLUMN[T]: slope * v + offset}) for v in volts]
-    _written(out, T, logs)
+    write_logs(out, T, logs)
 
 
 def _fridge_log(path: Path) -> Log:
@@ -169,7 +169,7 @@ def _optodes(kind: str) -> Callable[[Path, Path], None]:
             value = frame[f"{name}_O2SAT"]
             keep = value.notna() & time_s.between(INTO_S, INTO_S + LASTS_S)
             logs.append(pd.DataFrame({"time_s": time_s[keep], COLUMN[RH]: value[keep]}))
-        _written(out, RH, logs)
+        write_logs(out, RH, logs)
 
     return make
 
@@ -182,7 +182,7 @@ def heater(cache: Path, out: Path) -> None:
         frame = pd.read_csv(folder / name)
         inside = frame[(frame["Time"] >= 1.0) & (frame["Time"] <= last_s)]  # the first row holds no reading
         logs.append(pd.DataFrame({"time_s": inside["Time"], COLUMN[T]: inside["T1"]}))
-    _written(out, T, logs)
+    write_logs(out, T, logs)
 
 
 def canister(cache: Path, out: Path) -> None:
@@ -194,11 +194,11 @@ def canister(cache: Path, out: Path) -> None:
         for column, kept in ((1, logs), (2, airs)):
             rows = table[np.isfinite(table[:, first]) & np.isfinite(table[:, first + column])]
             kept.append(pd.DataFrame({"time_s": rows[:, first], COLUMN[T]: rows[:, first + column]}))
-    joined, cuts = _joined(logs)
-    write_campaign(out, T, joined, cuts, _joined(airs)[0])
+    joined, cuts = join_logs(logs)
+    write_campaign(out, T, joined, cuts, join_logs(airs)[0])
 
 
-def _since(time_s: np.ndarray, value: np.ndarray, channel: str = T) -> Log:
+def log_since(time_s: np.ndarray, value: np.ndarray, channel: str = T) -> Log:
     """A log whose clock starts with its first reading."""
     return pd.DataFrame({"time_s": time_s - time_s[0], COLUMN[channel]: value})
 
@@ -211,8 +211,8 @@ def _motors(kind: str) -> Callable[[Path, Path], None]:
             value = (frame["4LHE Temp (ºF)"].to_numpy() - 32.0) / 1.8
             stopped = int(np.flatnonzero(frame["ESC (µs)"] > STOPPED_US)[-1]) + 1
             hottest = stopped + int(np.argmax(value[stopped:]))
-            logs.append(_since(frame["Time (s)"].to_numpy()[hottest:], value[hottest:]))
-        _written(out, T, logs)
+            logs.append(log_since(frame["Time (s)"].to_numpy()[hottest:], value[hottest:]))
+        write_logs(out, T, logs)
 
     return make
 
@@ -229,20 +229,20 @@ def boiler(cache: Path, out: Path) -> None:
     for level in BOILER_LEVELS:
         frame = _boiler_log(cache, level)
         hottest = int(np.argmax(frame["boilerTempC"].to_numpy()))
-        logs.append(_since(frame["time"].to_numpy()[hottest:] / 1000.0, frame["boilerTempC"].to_numpy()[hottest:]))
-    _written(out, T, logs)
+        logs.append(log_since(frame["time"].to_numpy()[hottest:] / 1000.0, frame["boilerTempC"].to_numpy()[hottest:]))
+    write_logs(out, T, logs)
 
 
 def group_head(cache: Path, out: Path) -> None:
     """The group head follows the boiler, which stands for the measured air."""
     frames = [_boiler_log(cache, level) for level in BOILER_LEVELS]
     logs, airs = (
-        [_since(f["time"].to_numpy() / 1000.0, f[one].to_numpy()) for f in frames]
+        [log_since(f["time"].to_numpy() / 1000.0, f[one].to_numpy()) for f in frames]
         for one in ("groupheadTempC", "boilerTempC")
     )
-    joined, cuts = _joined(logs)
+    joined, cuts = join_logs(logs)
     # Data sheet of its converter (MAX31855): 2 K at the most.
-    write_campaign(out, T, joined, cuts, _joined(airs)[0], {"temperature_standard_uncertainty_k": 1.0})
+    write_campaign(out, T, joined, cuts, join_logs(airs)[0], {"temperature_standard_uncertainty_k": 1.0})
 
 
 def two_heaters(cache: Path, out: Path) -> None:
@@ -251,14 +251,14 @@ def two_heaters(cache: Path, out: Path) -> None:
     logs = []
     for begin, end in HEATED_S:
         inside = (table[:, 0] >= begin) & (table[:, 0] < end)
-        logs += [_since(table[inside, 0], table[inside, column]) for column in (6, 7)]
-    _written(out, T, logs)
+        logs += [log_since(table[inside, 0], table[inside, column]) for column in (6, 7)]
+    write_logs(out, T, logs)
 
 
 def one_heater(cache: Path, out: Path) -> None:
     """Power, temperature; a row a second."""
     table = np.loadtxt(cache / "oussama-sadki/Temperature-control/step_test.csv", delimiter=",")
-    _written(out, T, [_since(np.arange(float(len(table))), table[:, 1])])
+    write_logs(out, T, [log_since(np.arange(float(len(table))), table[:, 1])])
 
 
 def cups(cache: Path, out: Path) -> None:
@@ -266,7 +266,7 @@ def cups(cache: Path, out: Path) -> None:
     lines = (cache / "AlekseyLobanov/cooling-down/temperature.txt").read_text(encoding="utf-8").splitlines()
     rows = [line.replace(":", " ").split() for line in lines if line.strip()]
     table = np.array([[3600.0 * float(h) + 60.0 * float(m) + float(s), float(c), float(t)] for h, m, s, c, t in rows])
-    _written(out, T, [_since(*table[table[:, 1] == cup][:, (0, 2)].T) for cup in range(1, 6)])
+    write_logs(out, T, [log_since(*table[table[:, 1] == cup][:, (0, 2)].T) for cup in range(1, 6)])
 
 
 def cached_sets() -> list[RealSet]:
