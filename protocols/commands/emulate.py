@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -86,7 +88,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Set the instruments up, say how to reach them, and serve them until the end."""
-    import contextlib
     import signal
     import tempfile
     import time
@@ -108,15 +109,11 @@ def main(args: argparse.Namespace) -> int:
     if args.profile is not None and args.flight is None:
         raise BenchError(f"--profile {args.profile}: flies only with --flight FLIGHT.csv")
     worlds, end_s = _flight(args) if args.flight is not None else (_bench(args, probes), None)
-    with contextlib.ExitStack() as stack:
+    with ExitStack() as stack:
         if args.folder is None:
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="shockrig-emulate-")))
         else:
-            folder = args.folder
-            try:
-                folder.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise BenchError(f"--folder {folder}: {error.strerror}; give another one") from None
+            folder = stack.enter_context(_made(args.folder))
         signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(0))
         clock = FastClock(args.speed)
         session = Session(
@@ -132,12 +129,30 @@ def main(args: argparse.Namespace) -> int:
         if session.climate:
             write_whole(folder / CHAMBERS_FILE, _chambers_toml(session.climate))
             stack.callback((folder / CHAMBERS_FILE).unlink, missing_ok=True)
-        with contextlib.suppress(KeyboardInterrupt):  # who reads how to reach them may end them in the same moment
+        with suppress(KeyboardInterrupt):  # who reads how to reach them may end them in the same moment
             _introduce(args, session, links, folder)
             _serve(clock, session, end_s, args.speed, vehicle)
         if session.witness.trouble:
             raise BenchError(session.witness.trouble)
     return 0
+
+
+@contextmanager
+def _made(folder: Path) -> Iterator[Path]:
+    """A folder, made where there is none; of what was made nothing is left that holds nothing in the end."""
+    from shockrig.rig.errors import BenchError
+
+    new = [one for one in (folder, *folder.parents) if not one.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BenchError(f"--folder {folder}: {error.strerror}; give another one") from None
+    try:
+        yield folder
+    finally:
+        with suppress(OSError):  # one that holds something ends it: those above hold that one
+            for one in new:
+                one.rmdir()
 
 
 def _options(args: argparse.Namespace) -> Options:

@@ -194,6 +194,20 @@ def test_what_cannot_be_emulated_is_refused(capsys, monkeypatch, tmp_path, argum
     assert says in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [(("--link", "there"), "--link there: File exists"), (("--truth", "none/truth.csv"), "none/truth.csv: ")],
+)
+def test_what_is_refused_leaves_no_folder(capsys, monkeypatch, tmp_path, arguments, says):
+    from shockrig.protocols.cli import main
+
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "there").touch()
+    assert main(["emulate", "imet-xf", *arguments, "--folder", "made/for/it"]) == 2
+    assert says in capsys.readouterr().err
+    assert [file.name for file in tmp_path.iterdir()] == ["there"]
+
+
 def test_several_of_a_kind_are_further_probes_side_by_side(tmp_path):
     """Two XFs, each with two beads and two films: eight courses of their own through one transfer."""
     from shockrig.rig.seams import Air
