@@ -65,6 +65,10 @@ class WithFleet:
     def belongs(self, channel: str) -> bool:
         return channel in self.figures
 
+    def outside(self, channel: str) -> bool:
+        """Whether runs showed the channel, and that it does not belong."""
+        return channel in self.probability and not self.belongs(channel)
+
     @property
     def sentences(self) -> tuple[str, ...]:
         """What there is to say of each channel."""
@@ -140,6 +144,16 @@ def with_population(result: Characterization, population: Population) -> WithFle
         if name == "humidity" and humidity is not None:
             humidity = _table(result, humidity, figures[name])
     return WithFleet(replace(profile, temperature=temperature, humidity=humidity), probability, figures, given)
+
+
+def relative_of_type(population: Population, channel: str, temperature_c: float | None) -> float | None:
+    """Relative standard uncertainty of alpha (no temperature), or of D at a temperature, of a sensor of the type that
+    nobody has measured; None where the fleet says nothing of it."""
+    asked = [Coordinate(channel, ALPHA) if temperature_c is None else film(temperature_c)]
+    if not population.design(asked).any():
+        return None
+    nothing = np.zeros((0, 0))
+    return math.sqrt(float(_given(population, [], np.zeros(0), nothing, asked)[1][0, 0]))
 
 
 def _given(

@@ -273,7 +273,7 @@ def decide(
     looks, verdicts = _look(campaigns, then, False, later, made, progress)
     found = _measured(campaigns, verdicts)
     fleets = _with_fleet(found, population, progress)
-    wanted = _wanted(goals, campaigns, found, fleets)
+    wanted = _wanted(goals, campaigns, found, fleets, population)
     met = all(t.met for t in wanted) and not any(v.tied for v in verdicts.values())
     # What depends on a direction or an airflow that no run has had can be no finding.
     unvaried = goals.ties and bool(variety(looks, menu_of(found, looks, goals, usual, allowed)).any())
@@ -287,7 +287,7 @@ def decide(
         if _carried(campaigns, verdicts) != _carried(campaigns, judged):
             found = _measured(campaigns, verdicts)
             fleets = _with_fleet(found, population, progress)
-        wanted = _wanted(goals, campaigns, found, fleets)
+        wanted = _wanted(goals, campaigns, found, fleets, population)
     chased = before.chased if before is not None else 0
     new = set(recorded) - set(before.recorded if before is not None else ())
     gained = _gained(new, found, wanted)
@@ -425,12 +425,18 @@ def _demand_sensors(goals: Goals, campaigns: Sequence[Campaign]) -> None:
             raise InputError(f"--until: {one}: is a goal of a {lacking}, and {has_none}")
 
 
-def _wanted(goals: Goals, campaigns: Sequence[Campaign], found: Found, fleets: Mapping[str, WithFleet]) -> list[Target]:
+def _wanted(
+    goals: Goals,
+    campaigns: Sequence[Campaign],
+    found: Found,
+    fleets: Mapping[str, WithFleet],
+    population: Population | None,
+) -> list[Target]:
     """What the goals want of every probe that has the sensor for it."""
     if not campaigns:
-        return targets(goals, None)
+        return targets(goals, None, population=population)
     having = {(name, one.probe) for one in campaigns for name in looked_for(one)}
-    of_all = [t for probe, own in found.items() for t in targets(goals, own, probe, fleets.get(probe))]
+    of_all = [t for probe, own in found.items() for t in targets(goals, own, probe, fleets.get(probe), population)]
     return [t for t in of_all if (t.channel, t.probe) in having]
 
 

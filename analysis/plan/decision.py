@@ -120,8 +120,10 @@ def _places(targets: Sequence[Target]) -> str:
 
 def _how_well(target: Target) -> str:
     """How well it is known that is not known well enough."""
-    if not target.runs:
+    if not target.known:
         return "is not known yet"
+    if not target.runs:
+        return f"is known to {100 * target.relative:.2g} % by the fleet alone"
     if target.relative <= target.wanted:
         return f"rests on fewer than {FEWEST_RUNS} runs"
     return f"{100 * target.relative:.2g} % for {100 * target.wanted:g} %"
@@ -145,7 +147,7 @@ def _goals(decision: Decision, goals: Goals) -> list[dict[str, Any]]:
     listed: list[dict[str, Any]] = [
         {
             "goal": f"{target.label} {100 * target.wanted:g} %",
-            "now": measured(100 * target.relative) if target.runs else None,
+            "now": measured(100 * target.relative) if target.known else None,
             "met": target.met,
         }
         for target in decision.targets

@@ -12,12 +12,13 @@ from shockrig.analysis.characterize.part_fit import Extension
 from shockrig.analysis.characterize.result import ChannelResult, Characterization, TableRow
 from shockrig.analysis.estimate.channel import AMBIENT_WIDTH_K
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName
-from shockrig.analysis.fleet.prior import WithFleet
+from shockrig.analysis.fleet.prior import WithFleet, relative_of_type
 from shockrig.analysis.plan.goals import QUANTITY_OF, Goals, Precision
 from shockrig.analysis.plan.information import gained
 from shockrig.files.campaign import Campaign
 from shockrig.files.campaign_names import FIRST_PROBE
 from shockrig.files.errors import InputError
+from shockrig.files.fleet import Population
 
 FEWEST_RUNS = 2  # of a row: one says nothing of how much runs differ
 UNKNOWN_SIGMA = 0.5  # relative standard uncertainty of what no run has shown
@@ -44,6 +45,11 @@ class Target:
         return self.relative <= self.wanted and self.runs >= FEWEST_RUNS
 
     @property
+    def known(self) -> bool:
+        """Whether anything is known of it, by its own runs or by others of its type."""
+        return self.relative < UNKNOWN_SIGMA or self.runs > 0
+
+    @property
     def label(self) -> str:
         """For people: `D at 20`."""
         return self.named + ("" if self.ambient_c is None else f" at {self.ambient_c:g} degC")
@@ -67,9 +73,14 @@ def measured(
 
 
 def targets(
-    goals: Goals, found: Characterization | None, probe: str = FIRST_PROBE, fleet: WithFleet | None = None
+    goals: Goals,
+    found: Characterization | None,
+    probe: str = FIRST_PROBE,
+    fleet: WithFleet | None = None,
+    population: Population | None = None,
 ) -> list[Target]:
-    """Every number that the goals want of a probe, with what is known of it, by a fleet of its type too."""
+    """Every number that the goals want of a probe, with what is known of it: by its runs, with those of others of its
+    type (`fleet`), or where it has none by these alone (`population`)."""
     wanted: dict[tuple[ChannelName, float | None, str], float] = {}
     for precision in goals.precisions:
         for channel in QUANTITY_OF[precision.quantity]:
@@ -85,6 +96,8 @@ def targets(
         if found is not None and with_fleet is not None:
             # What runs at other ambients say of it counts: they are of the same sensor.
             now, runs = min(now, with_fleet), max(runs, len(found.channels()[channel].runs))
+        elif population is not None and quantity != "t63" and (fleet is None or not fleet.outside(channel)):
+            now = min(now, relative_of_type(population, channel, ambient) or UNKNOWN_SIGMA)
         out.append(Target(channel, ambient, quantity, relative, now, runs, probe))
     return out
 

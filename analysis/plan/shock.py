@@ -115,11 +115,11 @@ class Usual:
 
 
 def opening(middle_c: float, usual: Usual) -> list[PlannedShock]:
-    """The first runs of a campaign of which nothing is known: both quantities, both directions, at one ambient."""
+    """The first runs of a campaign: both quantities, both directions, at one ambient."""
     warm = _warm(middle_c)
     dry, wet, here = (middle_c, 20.0), (middle_c, 80.0), (middle_c, 55.0)
     pairs = ((dry, wet), (wet, dry), (warm, here), (here, warm))
-    return [_between(usual, *pair, LONG_S, "nothing is known yet") for pair in pairs]
+    return [_between(usual, *pair, LONG_S, "no run has shown it yet") for pair in pairs]
 
 
 def precision_menu(

@@ -780,3 +780,21 @@ def test_goals_are_reached_with_fewer_runs_where_the_type_is_known(bench, type_f
     assert alone.status == "continue" and {r["destination"]["temperature_c"] for r in alone.runs} & {0.0, 40.0}
     helped = shockrig.plan(at_20, until=until, fleet=replace(type_fleet, population=known))
     assert helped.status == "done", helped.reason
+
+
+def test_before_its_own_runs_a_sensor_is_known_as_its_type_is(bench, type_fleet, tmp_path, capsys):
+    one = type_fleet.population
+    spread = 100 * np.sqrt(np.diag(one.predictive))
+    type_fleet.write(tmp_path / "fleet.json")
+    empty = ["plan", str(tmp_path / "new"), "--until", "alpha 0.1 %, D 0.1 % at 20", "--out", str(tmp_path / "n.toml")]
+    assert main([*empty, "--fleet", str(tmp_path / "fleet.json")]) == 0
+    said = capsys.readouterr().out
+    assert f"alpha is known to {spread[0]:.2g} % by the fleet alone" in said and "known yet" not in said
+    goals = json.loads((tmp_path / "n.json").read_text())["goals"]
+    assert [goal["now"] for goal in goals] == pytest.approx([spread[0], spread[2]], rel=1e-3)
+    assert not any(goal["met"] for goal in goals)
+    assert main(empty) == 0 and "is not known yet" in capsys.readouterr().out
+    campaign = shockrig.read_campaign(bench[0] / "s0")
+    films = [run for run in campaign.runs if run.source.temperature_c == run.destination.temperature_c]
+    of_film = replace(campaign, runs=tuple(films))
+    assert shockrig.plan(of_film, until="alpha 0.1 %", fleet=type_fleet).goals[0]["now"] == pytest.approx(spread[0])

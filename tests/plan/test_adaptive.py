@@ -253,7 +253,7 @@ def test_through_files_alone_with_another_program_as_the_bench(tmp_path, capsys)
         return capsys.readouterr().out
 
     said = other.loop(tmp_path, "alpha 1 %, D 1 % at 20, ties decided", plan, seed=3)
-    assert "nothing is known yet" in said[0] and "done: all goals are met; named: self_heating" in said[-1]
+    assert "no run has shown it yet" in said[0] and "done: all goals are met; named: self_heating" in said[-1]
     found = json.loads((tmp_path / "campaign" / "decisions.jsonl").read_text().splitlines()[-1])
     rise = found["verdicts"]["temperature"]["causes"]["self_heating"]["rise_k_at_5_m_s"]
     assert rise == pytest.approx(other.RISE_K * ventilation(6.0) / ventilation(5.0), rel=0.1)
