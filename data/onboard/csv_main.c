@@ -1,6 +1,6 @@
 /* Rows in, rows out, for trying shock_correct on a computer:
 
-     ./shock_csv < flight.csv > corrected.csv
+     ./shock_csv < rows.csv > corrected.csv
 
    The first line names the columns, of which these are read: time_s, temperature_c, humidity_percent, airspeed_m_s,
    pressure_hpa, humidity_sensor_temperature_c. Without an input that has them it says so and ends with status 1. */
@@ -37,7 +37,8 @@ int main(void) {
     cell = end;
   }
   if (place[TIME] < 0 || place[TEMPERATURE] < 0 || place[HUMIDITY] < 0) {
-    fprintf(stderr, "expected a first line with the columns time_s, temperature_c and humidity_percent\n");
+    fprintf(stderr, "expected a first line with the columns time_s, temperature_c and humidity_percent;\n"
+                    "shockrig onboard --flight LOG writes rows.csv of any log\n");
     return 1;
   }
   shock_begin(&state);

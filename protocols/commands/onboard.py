@@ -6,6 +6,8 @@ import argparse
 import tempfile
 from pathlib import Path
 
+ROWS = "rows.csv"  # a flight as the program reads it
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
@@ -15,7 +17,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--flight",
         type=Path,
         metavar="F",
-        help="a log of yours, on which the program is compared with the reference (needs a C compiler)",
+        help="a log of yours: written as rows that the program reads, and, with a C compiler, compared with the "
+        "reference",
     )
     parser.add_argument(
         "--period-s", type=float, metavar="S", help="time between rows (default: the flight's, else the profile's)"
@@ -33,7 +36,7 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.files.profile import read_profile
     from shockrig.protocols.flight_logs import read_flight
     from shockrig.protocols.folder import software_version, whole_folder
-    from shockrig.protocols.onboard_check import build, compiler, difference, reference, run
+    from shockrig.protocols.onboard_check import as_csv, build, compiler, difference, reference, run
 
     if args.period_s is not None and not 1e-3 <= args.period_s <= 60.0:
         raise InputError(f"--period-s {args.period_s:g}: expected 0.001 to 60 s")
@@ -51,13 +54,15 @@ def main(args: argparse.Namespace) -> int:
     with whole_folder(args.out) as folder:
         for name, text in sources.items():
             (folder / name).write_text(text, encoding="utf-8")
+        if flight is not None:
+            (folder / ROWS).write_text(as_csv(flight), encoding="utf-8")
         if flight is not None and cc is not None:
             with tempfile.TemporaryDirectory() as place:
                 program = build(folder, cc, Path(place))
                 measured = difference(run(program, flight), reference(design, flight))
         text = page(profile, design, args.profile.name, note, args.flight and args.flight.name, measured, why)
         (folder / "README.md").write_text(text, encoding="utf-8")
-    print(f"{args.out}: {', '.join([*sources, 'README.md'])}")
+    print(f"{args.out}: {', '.join([*sources, 'README.md', *([] if flight is None else [ROWS])])}")
     print(f"  state: {state_bytes(design)} bytes; rows {design.period_s:g} s apart")
     if measured is None:
         print(f"  not compared with the reference: {why}")

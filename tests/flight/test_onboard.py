@@ -179,9 +179,22 @@ def test_the_command_writes_sources_and_measures_them(tmp_path, capsys):
     assert main(arguments) == 0
     assert "against the reference on 200 rows" in capsys.readouterr().out
     names = {"shock_correct.h", "shock_correct.c", "csv_main.c", "Makefile", "shock_correct.lua", "README.md"}
-    assert {path.name for path in out.iterdir()} == names
+    assert {path.name for path in out.iterdir()} == names | {"rows.csv"}
     page = (out / "README.md").read_text()
     assert "on the 200 rows of flight.csv" in page and "-11 to 41 degC" in page and not re.search(r"@[A-Z_]+@", page)
+
+
+@needs_compiler
+def test_what_the_page_says_of_the_program_works_on_a_log_with_times_of_day(tmp_path):
+    assert main(["example", "flight.csv", "--out", str(tmp_path / "flight.csv")]) == 0
+    write_profile(typical_profile(), tmp_path / "profile.json")
+    log, out = tmp_path / "flight.csv", tmp_path / "program"
+    assert main(["onboard", str(tmp_path / "profile.json"), "--out", str(out), "--flight", str(log)]) == 0
+    said = [line.strip() for line in (out / "README.md").read_text().splitlines() if line.startswith("    ")]
+    assert "./shock_csv < rows.csv > corrected.csv" in said
+    subprocess.run("make && ./shock_csv < rows.csv > corrected.csv", shell=True, check=True, cwd=out, timeout=300)
+    rows = len((out / "corrected.csv").read_text().splitlines())
+    assert rows == len(log.read_text().splitlines())
 
 
 @pytest.mark.parametrize("column", ["temperature_c", "humidity_percent"])
