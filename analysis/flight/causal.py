@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.flight.causal_bank import Bank
+from shockrig.analysis.flight.causal_bank import Bank, Estimate, surely
 from shockrig.analysis.flight.causal_design import ChannelDesign, Design, design_of
 from shockrig.analysis.flight.causal_guard import CODES_WITHIN, Guard, Judged
 from shockrig.analysis.flight.channel import LONGEST_FILL_S, LONGEST_REPEAT_S
@@ -76,7 +76,7 @@ class _Told:
 
     judged: Judged = STRAY
     kept: int = -1
-    air: tuple[float, float] | None = None
+    air: Estimate | None = None
     clean: float = np.nan
     slow: tuple[float, ...] = ()
     relative: float = 0.0
@@ -99,8 +99,8 @@ class _Seen:
     unsure: bool = False
     bead: _Told = field(default_factory=_Told)
     film: _Told = field(default_factory=_Told)
-    now_c: float = np.nan  # the air's temperature that humidity was reckoned with, and its uncertainty
-    sigma_k: float = 0.0
+    now: Estimate = field(default_factory=lambda: surely(np.nan))  # temperature that humidity was reckoned with,
+    now_c: float = np.nan  # within the profile's table
     back: float = np.nan  # from what the film holds to humidity
     at_die: bool = False
 
@@ -187,9 +187,8 @@ class CausalChannel:
         nodes = np.linspace(np.log(ladder.lowest), np.log(ladder.highest), rates.size)
         return float(np.exp(np.interp(np.log(self.bank.middle), nodes, rates)))
 
-    def air(self, kept: int, late_s: float = 0.0) -> tuple[float, float] | None:
-        """The air `late_s` before the row that was `kept` under that number, and its variance; None where that is of
-        before a start."""
+    def air(self, kept: int, late_s: float = 0.0) -> Estimate | None:
+        """The air `late_s` before the row that was `kept` under that number; None where that is of before a start."""
         bank = self.bank
         if not self.started or kept < bank.first:
             return None
@@ -309,7 +308,7 @@ class Corrector:
         held = TEMPERATURE_C.holds(raw)
         told.judged = Judged(usable=held, missing=not np.isfinite(raw), implausible=bool(np.isfinite(raw)) and not held)
         if held:
-            told.air, told.since_used_s, told.since_read_s = (raw, 0.0), 0.0, 0.0
+            told.air, told.since_used_s, told.since_read_s = surely(raw), 0.0, 0.0
 
     def _humid(self, seen: _Seen) -> None:
         """The hygrometer's part of a row, at the temperature that is known by now."""
@@ -328,12 +327,14 @@ class Corrector:
         if self.design.beside_bead and self.bead is not None:
             die_c = self.bead.bank.expected()[0]  # without the noise
         read = TEMPERATURE_C.holds(die_c)
-        now_c, then_c, die_c = (min(max(one, coldest), warmest) for one in (now[0], then[0], die_c if read else now[0]))
+        now_c, then_c, die_c = (
+            min(max(one, coldest), warmest) for one in (now.value, then.value, die_c if read else now.value)
+        )
         share = self.design.die_share
         seen.at_die = share > 0.0 and read
         own = _saturation(then_c + share * (die_c - then_c) if seen.at_die else then_c)
         held = own if self.design.by_activity else _saturation(REFERENCE_C)
-        seen.now_c, seen.sigma_k, seen.back = now_c, float(np.sqrt(now[1])), held / _saturation(now_c)
+        seen.now, seen.now_c, seen.back = now, now_c, held / _saturation(now_c)
         bend = abs(now_c - 2.0 * self.last_c + self.before_c) / 2.0
         self.before_c, self.last_c = self.last_c, now_c
         passing, alike, strength = 0.0, 0.0, None
@@ -341,7 +342,7 @@ class Corrector:
         if self.bead is not None and np.isfinite(level):
             strength = VAPOUR_PER_K * abs(level) * self.bead.bank.middle
         if not seen.at_die and not self.design.by_activity:
-            error = float(np.hypot(seen.sigma_k, bend if np.isfinite(bend) else 0.0))
+            error = float(np.hypot(np.sqrt(now.variance), bend if np.isfinite(bend) else 0.0))
             passing = abs(level) * _steepness(now_c) * error if np.isfinite(level) else 0.0
             if self.bead is not None and np.isfinite(level):
                 alike = abs(level) * held / own * _steepness(now_c) * self.bead.bank.wobble(self.design.period_s)
@@ -371,9 +372,9 @@ class Corrector:
         if found is None or _stale(told):
             return Value(np.nan, np.nan, np.nan, told.judged)
         left = self.bead.design.left
-        common = float(np.hypot(self.bead.common(told, found[0]), np.hypot(told.readout, left)))
-        own = max(found[1], told.step**2 / 12.0)
-        return Value(found[0], float(np.hypot(np.sqrt(own), common)), common, told.judged)
+        common = float(np.hypot(self.bead.common(told, found.value), np.hypot(told.readout, left)))
+        own = max(found.stated, told.step**2 / 12.0)
+        return Value(found.value, float(np.hypot(np.sqrt(own), common)), common, told.judged)
 
     def _humidity(self, seen: _Seen) -> Value:
         told, raw, film = seen.film, seen.row.humidity_percent, self.film
@@ -384,12 +385,12 @@ class Corrector:
         found = film.air(told.kept) or told.air
         if found is None or _stale(told):
             return Value(np.nan, np.nan, np.nan, told.judged)
-        value = found[0] * seen.back
+        value = found.value * seen.back
         of_readout = float(np.hypot(told.readout, film.design.left))
-        shared = film.common(told, found[0]) * seen.back
-        own = max(found[1], told.step**2 / 12.0) * seen.back**2 + shared**2
+        shared = film.common(told, found.value) * seen.back
+        own = max(found.stated, told.step**2 / 12.0) * seen.back**2 + shared**2
         if seen.at_die or self.design.by_activity:
-            own += (value * _steepness(seen.now_c) * seen.sigma_k) ** 2
+            own += (value * _steepness(seen.now_c)) ** 2 * seen.now.stated
         low, high = film.design.covers_c
         if not low <= seen.now_c <= high:
             # the profile does not speak for such air: the reading, as unsure as what the correction would have made

@@ -9,7 +9,9 @@ that an estimate may wait for N more readings (fixed lag).
 
 from __future__ import annotations
 
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from math import exp, sqrt, tanh
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,11 +34,15 @@ BETWEEN_BENDS_S, BEND_LASTS_S = 100.0, 20.0  # so long lies between two bends, a
 BETWEEN_DOORS_S, DOOR_LASTS_S = 1000.0, 5.0  # and so of doors
 # ln of the middle strength moves along the likelihood's slope, which leaves it unsure by sqrt(LEARNING / 2)
 LEARNING, MOST_LEARNT = 0.1, 0.5
+UNSURE_OF_STRENGTH = exp(LEARNING)  # of the variance, its mean factor; more than that is between the first two filters
 LEAST_LIKELY = 1e-6
 LEAST_VARIANCE = 1e-9
 MOST_UNLIKELY = 60.0  # ln
-# The strength is known from a minute alone, to a third or so: errors are wider than each filter says.
-UNSURE_OF_STRENGTH = 1.35  # of the variance
+CONFIDENCE = 0.95
+ERF, ERF_BEND = 1.12838, 0.10277  # erf(x) = tanh(a x + b x^3) within 0.0004, which is 1 beyond the ends
+ERF_ENDS = 3.0
+NORMAL_WIDTH = 1.955346  # of a standard normal distribution, by that erf
+WIDTH_STEPS, WIDTH_SETTLED = 20, 1e-4
 
 
 @lru_cache(maxsize=64)
@@ -56,6 +62,54 @@ def moves(step_s: float) -> Array:
     )
     move[np.diag_indices(FILTER_COUNT)] = 1.0 - move.sum(axis=1)
     return move
+
+
+def half_width(likely: list[float], off: list[float], variance: list[float]) -> float:
+    """Half width of the interval about 0 in which CONFIDENCE of a mixture of normal distributions lies: Newton's steps,
+    and halves where they leave what is known of it."""
+    parts = [(p, d, sqrt(2.0 * max(v, LEAST_VARIANCE))) for p, d, v in zip(likely, off, variance, strict=True)]
+    low, high = 0.0, max(abs(d) + 2.0 * s for _, d, s in parts)
+    width = min(NORMAL_WIDTH / sqrt(sum(2.0 * p / s**2 for p, _, s in parts)), high)
+    for _ in range(WIDTH_STEPS):
+        within = slope = 0.0
+        for p, d, s in parts:
+            for end in (width - d, width + d):
+                x = min(max(end / s, -ERF_ENDS), ERF_ENDS)
+                erf = tanh(x * (ERF + ERF_BEND * x * x))
+                within += 0.5 * p * erf
+                slope += 0.5 * p * (1.0 - erf * erf) * (ERF + 3.0 * ERF_BEND * x * x) / s
+        if within < CONFIDENCE:
+            low = width
+        else:
+            high = width
+        last, width = width, width + (CONFIDENCE - within) / max(slope, 1e-12)
+        if not low <= width <= high:
+            width = 0.5 * (low + high)
+        if abs(width - last) <= WIDTH_SETTLED * width:
+            break
+    return width
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The air and its variance over the filters; how likely each of them is, how far off, and its own variance."""
+
+    value: float
+    variance: float
+    likely: Array
+    off: Array
+    own: Array
+
+    @cached_property
+    def stated(self) -> float:
+        """Variance of the normal distribution whose interval is as wide as the filters' together: a door that nothing
+        tells of yet makes their variance many times as large, and no interval wider."""
+        return (half_width(self.likely.tolist(), self.off.tolist(), self.own.tolist()) / NORMAL_WIDTH) ** 2
+
+
+def surely(value: float) -> Estimate:
+    """What is known without a doubt."""
+    return Estimate(value, 0.0, np.ones(1), np.zeros(1), np.zeros(1))
 
 
 class Bank:
@@ -229,24 +283,24 @@ class Bank:
         self.past_with = np.append(self.past_with, with_air[:, None], axis=1)[:, keep]
         return self.count - 1
 
-    def now(self) -> tuple[float, float]:
+    def now(self) -> Estimate:
         """The air and its variance."""
-        return self._together(self.mean @ self.h, self._air_variance())
+        return self._estimate(self.mean @ self.h, self._air_variance())
 
-    def ago(self, rows: int) -> tuple[float, float]:
+    def ago(self, rows: int) -> Estimate:
         """The air so many `keep`s ago (0: the last)."""
         if not self.wait or not self.past.shape[1]:
             return self.now()
         place = -1 - min(rows, self.past.shape[1] - 1)
-        return self._together(self.past[:, place], np.maximum(self.past_p[:, place], 0.0))
+        return self._estimate(self.past[:, place], np.maximum(self.past_p[:, place], 0.0))
 
-    def ahead(self, step_s: float) -> tuple[float, float]:
+    def ahead(self, step_s: float) -> Estimate:
         """The air that much later than the last reading tells of."""
         gone = np.exp(-RATES_PER_S * step_s)
         h = self.h.copy()
         h[1], h[WALK_STATES:AIR_STATES] = step_s, gone
         added = self._strengths() * (UNSEEN_VARIANCE + BENDS**2 * step_s**3 / 3 + OU_VARIANCES @ (1.0 - gone**2))
-        return self._together(self.mean @ h, np.maximum((self.p @ h) @ h, 0.0) + added)
+        return self._estimate(self.mean @ h, np.maximum((self.p @ h) @ h, 0.0) + added)
 
     def wobble(self, step_s: float) -> float:
         """The air's turbulence from row to row, as the standard deviation of noise that would change as much."""
@@ -270,6 +324,10 @@ class Bank:
     def _together(self, each: Array, spread: Array) -> tuple[float, float]:
         air = float(self.likely @ each)
         return air, float(self.likely @ (UNSURE_OF_STRENGTH * spread + (each - air) ** 2))
+
+    def _estimate(self, each: Array, spread: Array) -> Estimate:
+        air, variance = self._together(each, spread)
+        return Estimate(air, variance, self.likely, each - air, UNSURE_OF_STRENGTH * spread)
 
     def _mix(self, step_s: float) -> None:
         """Before each step every filter takes over from the others what they are worth."""

@@ -53,7 +53,7 @@ typedef struct {
 } move;
 
 typedef struct {
-  float value, variance;
+  float value, variance, stated; /* stated: of the normal distribution whose interval is as wide as the filters' */
 } estimate;
 
 /* What is known of a channel's air besides its readings: what passes sensor and air alike, and how fast that is; what
@@ -210,26 +210,61 @@ static void of_reading(const bank *b, const float *weight, float *on) {
 
 static size_t packed_size(const bank *b) { return PACKED(b->d->size, 0); }
 
-/* Mean and variance over the filters, what the states say in the direction `on`; `added` variance to each. */
-static estimate together(const bank *b, const float *on, const float *added) {
-  estimate found = {0.0f, 0.0f};
-  float each[SHOCK_FILTERS];
+/* Mean and variance over the filters, what their states say in the direction `on`; `added` variance to each. Of each
+   filter how far its mean is `off` that of all, and its own variance. */
+static estimate together(const bank *b, const float *on, const float *added, float *off, float *variance) {
+  estimate found = {0.0f, 0.0f, 0.0f};
   uint8_t f, n = b->d->size;
   for (f = 0; f < SHOCK_FILTERS; f++) {
-    each[f] = dot(on, b->mean + (size_t)f * n, n);
-    found.value += b->own->likely[f] * each[f];
+    off[f] = dot(on, b->mean + (size_t)f * n, n);
+    found.value += b->own->likely[f] * off[f];
   }
   for (f = 0; f < SHOCK_FILTERS; f++) {
     float own = most(spread(b, b->p + f * packed_size(b), on, NULL), 0.0f) + (added == NULL ? 0.0f : added[f]);
-    float off = each[f] - found.value;
-    found.variance += b->own->likely[f] * (@UNSURE@ * own + off * off);
+    variance[f] = @UNSURE@ * own;
+    off[f] -= found.value;
+    found.variance += b->own->likely[f] * (variance[f] + off[f] * off[f]);
   }
   return found;
 }
 
-/* The air so long after what the last reading is of. */
-static estimate air_ahead(const bank *b, float ahead) {
+static float within_ends(float x) { return least(most(x, -@ERF_ENDS@), @ERF_ENDS@); }
+
+static float erf_of(float x) { return tanhf(x * (@ERF@ + @ERF_BEND@ * x * x)); }
+
+/* Half width of the interval in which @CONFIDENCE@ of a mixture of normal distributions lies: Newton's steps, and halves
+   where they leave what is known of it. */
+static float half_width(const bank *b, const float *off, const float *variance) {
+  float deviation[SHOCK_FILTERS], low = 0.0f, high = 0.0f, sharp = 0.0f, width;
+  uint8_t f, k;
+  for (f = 0; f < SHOCK_FILTERS; f++) {
+    deviation[f] = sqrtf(2.0f * most(variance[f], @LEAST_VARIANCE@));
+    high = most(high, fabsf(off[f]) + 2.0f * deviation[f]);
+    sharp += 2.0f * b->own->likely[f] / (deviation[f] * deviation[f]);
+  }
+  width = least(@NORMAL_WIDTH@ / sqrtf(sharp), high);
+  for (k = 0; k < @WIDTH_STEPS@; k++) {
+    float inside = 0.0f, slope = 0.0f, last = width;
+    for (f = 0; f < 2 * SHOCK_FILTERS; f++) {
+      float s = deviation[f / 2], p = 0.5f * b->own->likely[f / 2];
+      float x = within_ends((f % 2 ? width + off[f / 2] : width - off[f / 2]) / s), e = erf_of(x);
+      inside += p * e;
+      slope += p * (1.0f - e * e) * (@ERF@ + 3.0f * @ERF_BEND@ * x * x) / s;
+    }
+    if (inside < @CONFIDENCE@) low = width;
+    else high = width;
+    width += (@CONFIDENCE@ - inside) / most(slope, 1e-12f);
+    if (!(width >= low && width <= high)) width = 0.5f * (low + high);
+    if (fabsf(width - last) <= @WIDTH_SETTLED@ * width) break;
+  }
+  return width;
+}
+
+/* The air so long after what the last reading is of; how uncertain it is said to be is reckoned where it is `asked`. */
+static estimate air_ahead(const bank *b, float ahead, int asked) {
   float on[MOST_STATES], gone[TURBULENT], added[SHOCK_FILTERS], extra = @UNSEEN@, cube = 0.0f;
+  float off[SHOCK_FILTERS], variance[SHOCK_FILTERS];
+  estimate found;
   uint8_t i;
   for (i = 0; i < TURBULENT; i++) gone[i] = 1.0f;
   if (ahead > 0.0f) {
@@ -242,7 +277,12 @@ static estimate air_ahead(const bank *b, float ahead) {
   strengths(b, added);
   for (i = 0; i < SHOCK_FILTERS; i++) added[i] *= extra + BEND[i] * BEND[i] * cube;
   of_air(b, most(ahead, 0.0f), gone, on);
-  return together(b, on, added);
+  found = together(b, on, added, off, variance);
+  if (asked) {
+    found.stated = half_width(b, off, variance) / @NORMAL_WIDTH@;
+    found.stated *= found.stated;
+  }
+  return found;
 }
 
 static void start(bank *b, float level, const course *c) {
@@ -553,7 +593,7 @@ static float kept_by_chance(const design *d, const shock_guard *g) {
   float step = resolution(g), x, share;
   if (step == 0.0f) return INFINITY;
   x = @LEVELS_PLAIN@ * step / (d->noise * 1.4142136f);
-  share = x > 3.0f ? 1.0f : tanhf(x * (1.12838f + 0.10277f * x * x));
+  share = erf_of(within_ends(x));
   if (!(share > 0.0f && share < 0.999f)) return INFINITY;
   return most(ceilf(@LN_BY_CHANCE@ / logf(share)), 5.0f);
 }
@@ -629,9 +669,10 @@ static void take(bank *b, told *found, const shock_row *row, float step_s, float
   b->own->since_used_s += step_s;
   b->own->since_read_s += step_s;
   if (b->own->started) {
+    float off[SHOCK_FILTERS], variance[SHOCK_FILTERS];
     estimate expected;
     predict(b, step_s, values, c);
-    expected = together(b, on, NULL);
+    expected = together(b, on, NULL, off, variance);
     shown = (expected.value / unit - readout[0]) / readout[1];
     open_to = sqrtf(expected.variance) / (readout[1] * unit);
   }
@@ -644,9 +685,9 @@ static void take(bank *b, told *found, const shock_row *row, float step_s, float
     update(b, on, level, found->judged.variance * scale * scale);
   }
   found->step = is_coarse(d, &b->own->guard) ? resolution(&b->own->guard) * readout[1] * unit : 0.0f;
-  found->air.value = found->air.variance = found->clean = NAN;
+  found->air.value = found->air.variance = found->air.stated = found->clean = NAN;
   if (!b->own->started) return;
-  found->air = air_ahead(b, d->delay_s);
+  found->air = air_ahead(b, d->delay_s, 1);
   found->clean = 0.0f;
   for (i = 0; i < d->modes; i++) {
     float lag = 0.0f;
@@ -751,7 +792,7 @@ static void give_temperature(const bank *b, const told *found, shock_air *air) {
   air->temperature_flags = said(&found->judged);
   if (!b->own->started || is_stale(b->own, found)) return;
   shared = length(common(b->d, found), length(found->readout, b->d->left));
-  own = most(found->air.variance, found->step * found->step / 12.0f);
+  own = most(found->air.stated, found->step * found->step / 12.0f);
   air->temperature_c = found->air.value;
   air->temperature_uncertainty_k = sqrtf(own + shared * shared);
 }
@@ -773,10 +814,10 @@ static void humid(shock_state *state, const shock_row *row, float step_s, const 
     air->humidity_flags = SHOCK_MISSING;
     return;
   }
-  then = air_ahead(&warmth, warmth.d->delay_s - b.d->delay_s);
+  then = air_ahead(&warmth, warmth.d->delay_s - b.d->delay_s, 0);
   now_c = within(bead->air.value, b.d->low_c - FAR_C, b.d->high_c + FAR_C);
   then_c = within(then.value, b.d->low_c - FAR_C, b.d->high_c + FAR_C);
-  sigma = sqrtf(bead->air.variance);
+  sigma = sqrtf(bead->air.stated);
   die_c = within(die_c, b.d->low_c - FAR_C, b.d->high_c + FAR_C);
   own = saturation(at_die ? then_c + DIE_SHARE * (die_c - then_c) : then_c);
   held = BY_ACTIVITY ? own : saturation(20.0f);
@@ -790,7 +831,7 @@ static void humid(shock_state *state, const shock_row *row, float step_s, const 
   if (isfinite(level)) {
     c.usual = @VAPOUR@ * level * warmth.own->middle;
     if (!at_die && !BY_ACTIVITY) {
-      c.passing = level * steepness(now_c) * length(sigma, isfinite(bend) ? bend : 0.0f);
+      c.passing = level * steepness(now_c) * length(sqrtf(bead->air.variance), isfinite(bend) ? bend : 0.0f);
       c.alike = level * held / own * steepness(now_c) * wobble(&warmth, @PERIOD_STEP@);
     }
   }
@@ -801,7 +842,7 @@ static void humid(shock_state *state, const shock_row *row, float step_s, const 
   value = found.air.value * back;
   readout = length(found.readout, b.d->left);
   shared = common(b.d, &found) * back;
-  total = most(found.air.variance, found.step * found.step / 12.0f) * back * back + shared * shared;
+  total = most(found.air.stated, found.step * found.step / 12.0f) * back * back + shared * shared;
   if (at_die || BY_ACTIVITY) {
     away = value * steepness(now_c) * sigma;
     total += away * away;

@@ -142,20 +142,58 @@ local function direction(b, weight, slope, gone)
   return on
 end
 
+-- Mean and variance over the filters, `added` to each; of each how far its mean is off that of all, and its variance.
 local function together(b, on, added)
-  local value, variance, each, n = 0.0, 0.0, {}, b.d.size
+  local all, total, off, variance, n = 0.0, 0.0, {}, {}, b.d.size
   for f = 1, FILTERS do
-    each[f] = dot(on, b.mean[f], n)
-    value = value + b.likely[f] * each[f]
+    off[f] = dot(on, b.mean[f], n)
+    all = all + b.likely[f] * off[f]
   end
   for f = 1, FILTERS do
-    local own, off = max(spread(b, b.p[f], on), 0.0) + (added and added[f] or 0.0), each[f] - value
-    variance = variance + b.likely[f] * (@UNSURE@ * own + off * off)
+    variance[f] = @UNSURE@ * (max(spread(b, b.p[f], on), 0.0) + (added and added[f] or 0.0))
+    off[f] = off[f] - all
+    total = total + b.likely[f] * (variance[f] + off[f] * off[f])
   end
-  return value, variance
+  return all, total, off, variance
 end
 
-local function air_ahead(b, ahead)
+local function erf(x)
+  local twice = exp(-2.0 * x * (@ERF@ + @ERF_BEND@ * x * x))
+  return (1.0 - twice) / (1.0 + twice)
+end
+
+-- Half width of the interval in which @CONFIDENCE@ of a mixture of normal distributions lies: Newton's steps, and halves
+-- where they leave what is known of it.
+local function half_width(b, off, variance)
+  local deviation, low, high, sharp = {}, 0.0, 0.0, 0.0
+  for f = 1, FILTERS do
+    deviation[f] = sqrt(2.0 * max(variance[f], @LEAST_VARIANCE@))
+    high = max(high, abs(off[f]) + 2.0 * deviation[f])
+    sharp = sharp + 2.0 * b.likely[f] / (deviation[f] * deviation[f])
+  end
+  local width = min(@NORMAL_WIDTH@ / sqrt(sharp), high)
+  for _ = 1, @WIDTH_STEPS@ do
+    local inside, slope, last = 0.0, 0.0, width
+    for f = 1, FILTERS do
+      local s, p = deviation[f], 0.5 * b.likely[f]
+      for _, place in ipairs({width - off[f], width + off[f]}) do
+        local x = within(place / s, -@ERF_ENDS@, @ERF_ENDS@)
+        local e = erf(x)
+        inside = inside + p * e
+        slope = slope + p * (1.0 - e * e) * (@ERF@ + 3.0 * @ERF_BEND@ * x * x) / s
+      end
+    end
+    if inside < @CONFIDENCE@ then low = width else high = width end
+    width = width + (@CONFIDENCE@ - inside) / max(slope, 1e-12)
+    if not (width >= low and width <= high) then width = 0.5 * (low + high) end
+    if abs(width - last) <= @WIDTH_SETTLED@ * width then break end
+  end
+  return width
+end
+
+-- The air so long after the last reading, its variance, and where it is `asked` that of the normal distribution whose
+-- interval is as wide.
+local function air_ahead(b, ahead, asked)
   local gone, extra, added, cube = {1.0, 1.0, 1.0}, @UNSEEN@, strengths(b), 0.0
   if ahead > 0.0 then
     cube = ahead * ahead * ahead / 3.0
@@ -165,7 +203,10 @@ local function air_ahead(b, ahead)
     end
   end
   for f = 1, FILTERS do added[f] = added[f] * (extra + BEND[f] * BEND[f] * cube) end
-  return together(b, direction(b, nil, max(ahead, 0.0), gone), added)
+  local all, total, off, variance = together(b, direction(b, nil, max(ahead, 0.0), gone), added)
+  if not asked then return all, total end
+  local sigma = half_width(b, off, variance) / @NORMAL_WIDTH@
+  return all, total, sigma * sigma
 end
 
 local function start(b, level, c)
@@ -430,8 +471,7 @@ local function kept_by_chance(d, g)
   local step = resolution(g)
   if step == 0.0 then return INFINITE end
   local x = @LEVELS_PLAIN@ * step / (d.noise * 1.4142136)
-  local twice = exp(-2.0 * x * (1.12838 + 0.10277 * x * x))
-  local share = x > 3.0 and 1.0 or (1.0 - twice) / (1.0 + twice)
+  local share = erf(within(x, -@ERF_ENDS@, @ERF_ENDS@))
   if not (share > 0.0 and share < 0.999) then return INFINITE end
   return max(math.ceil(@LN_BY_CHANCE@ / log(share)), 5)
 end
@@ -505,7 +545,7 @@ local function take(b, here, step_s, reading, air_c, own_c, unit, c)
   end
   found.step = is_coarse(d, b.guard) and resolution(b.guard) * readout[2] * unit or 0.0
   if not b.started then return found end
-  found.air, found.variance = air_ahead(b, d.delay_s)
+  found.air, found.variance, found.stated = air_ahead(b, d.delay_s, true)
   found.clean, found.slow = 0.0, {}
   for i = 1, d.modes do
     local lag = 0.0
@@ -581,7 +621,7 @@ local function humid(state, row, step_s, bead, air)
   end
   local coldest, warmest = b.d.low_c - @FAR_C@, b.d.high_c + @FAR_C@
   local then_c = within((air_ahead(warmth, warmth.d.delay_s - b.d.delay_s)), coldest, warmest)
-  local now_c, sigma = within(bead.air, coldest, warmest), sqrt(bead.variance)
+  local now_c, sigma = within(bead.air, coldest, warmest), sqrt(bead.stated)
   local read = holds(die_c, -100.0, 150.0)
   die_c = read and within(die_c, coldest, warmest) or nil
   local at_die = DIE_SHARE > 0.0 and read
@@ -594,7 +634,7 @@ local function humid(state, row, step_s, bead, air)
   if level then
     c.usual = @VAPOUR@ * abs(level) * warmth.middle
     if not at_die and not BY_ACTIVITY then
-      c.passing = abs(level) * steepness(now_c) * length(sigma, bend)
+      c.passing = abs(level) * steepness(now_c) * length(sqrt(bead.variance), bend)
       c.alike = abs(level) * held / own * steepness(now_c) * wobble(warmth, @PERIOD_STEP@)
     end
   end
@@ -604,7 +644,7 @@ local function humid(state, row, step_s, bead, air)
   if not b.started or is_stale(b, found) then return end
   local value, readout = found.air * back, length(found.readout, b.d.left)
   local shared = common(b.d, found) * back
-  local total = max(found.variance, found.step * found.step / 12.0) * back * back + shared * shared
+  local total = max(found.stated, found.step * found.step / 12.0) * back * back + shared * shared
   if at_die or BY_ACTIVITY then total = total + (value * steepness(now_c) * sigma) ^ 2 end
   if not holds(now_c, b.d.low_c, b.d.high_c) then
     air.humidity_flags = air.humidity_flags + shock.OUTSIDE
@@ -644,7 +684,7 @@ function shock.step(state, row)
   if b.started and not is_stale(b, found) then
     local shared = length(common(b.d, found), length(found.readout, b.d.left))
     air.temperature_c = found.air
-    local own = max(found.variance, found.step * found.step / 12.0)
+    local own = max(found.stated, found.step * found.step / 12.0)
     air.temperature_uncertainty_k = sqrt(own + shared * shared)
   end
   humid(state, here, step_s, found, air)

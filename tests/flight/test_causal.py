@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.special import ndtr
 
 from shockrig.analysis.flight import causal_bank
-from shockrig.analysis.flight.causal_bank import FILTER_COUNT, UNSURE_OF_STRENGTH, Bank
+from shockrig.analysis.flight.causal_bank import FILTER_COUNT, UNSURE_OF_STRENGTH, Bank, half_width
 from shockrig.analysis.flight.causal_design import HUMIDITY_LADDER, TEMPERATURE_LADDER, Ladder, design_of
 from shockrig.analysis.flight.causal_guard import Guard
 from shockrig.analysis.flight.correct import correct
@@ -47,7 +48,9 @@ def test_at_one_strength_the_last_row_is_the_smoother_s(monkeypatch):
     for value in reading[1:]:
         bank.predict(0.1, weight, rate)
         bank.update(value, 0.01)
-    air, variance = bank.now()
+    found = bank.now()
+    air, variance = found.value, found.variance
+    assert found.stated == pytest.approx(variance, rel=1e-3)  # of filters that are all alike
 
     one = np.ones((1, count))
     response = LagResponse(one[..., None] * weight, one[..., None] * rate, one)
@@ -73,6 +76,34 @@ def turbulent(rng, strength, count, step_s=0.1, tau_s=0.2):
     return air, shown
 
 
+def test_half_of_an_interval_holds_as_much_of_the_filters_together_as_it_says():
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        likely = rng.dirichlet([1.0, 1.0, 0.3, 0.02]) + 1e-6
+        likely, variance = likely / likely.sum(), 10 ** rng.uniform(-6.0, 0.0, FILTER_COUNT)
+        off = rng.standard_normal(FILTER_COUNT) * np.sqrt(variance)
+        width, sigma = half_width(likely.tolist(), off.tolist(), variance.tolist()), np.sqrt(variance)
+        within = likely @ (ndtr((width - off) / sigma) - ndtr((-width - off) / sigma))
+        assert within == pytest.approx(0.95, abs=0.001)
+
+
+def test_a_door_that_nothing_tells_of_widens_no_interval():
+    """One row in ten thousand is behind a door: its kelvins are much of calm air's variance, and of no interval."""
+    bank, rate, weight, noise = Bank(TEMPERATURE_LADDER, 1, False), np.array([1.0]), np.array([1.0]), 0.02
+    rng, covered, ratio = np.random.default_rng(6), [], []
+    air, shown = turbulent(rng, 0.01, 1200, tau_s=1.0)
+    bank.start(shown[0], 2.0, weight)
+    for i, value in enumerate(shown + noise * rng.standard_normal(shown.size)):
+        if i:
+            bank.predict(0.1, weight, rate)
+        bank.update(value, noise**2)
+        found = bank.now()
+        covered.append(abs(found.value - air[i]) <= 1.96 * np.sqrt(found.stated))
+        ratio.append(found.stated / found.variance)
+    assert np.median(ratio[300:]) < 0.9
+    assert 0.9 < np.mean(covered[300:]) < 0.98
+
+
 @pytest.mark.parametrize("strength", [0.007, 0.2])
 def test_uncertainty_holds_in_weak_and_strong_turbulence_whatever_it_waits_for(strength):
     """The trend is straight: were its bend as strong as the turbulence, weak turbulence would be taken for none."""
@@ -92,8 +123,8 @@ def test_uncertainty_holds_in_weak_and_strong_turbulence_whatever_it_waits_for(s
             if i >= 400:
                 middle.append(bank.middle)
                 for wait in waits:
-                    value, variance = bank.ago(wait)
-                    covered[wait].append(abs(value - air[i - wait]) <= 1.96 * np.sqrt(variance))
+                    found = bank.ago(wait)
+                    covered[wait].append(abs(found.value - air[i - wait]) <= 1.96 * np.sqrt(found.stated))
     for wait in waits:
         assert 0.9 <= np.mean(covered[wait]) <= 0.995, wait
     assert 0.5 * strength < np.median(middle) < 2.0 * strength
