@@ -77,6 +77,15 @@ class Coordinate:
 
 
 @dataclass(frozen=True)
+class RunScatter:
+    """How much runs on a bench differ from one another in ln rate: sigma^2 ~ nu s^2 / chi^2_nu from bench to bench, s
+    the standard deviation, nu the degrees of freedom."""
+
+    standard_deviation: float
+    degrees: float
+
+
+@dataclass(frozen=True)
 class Population:
     """The sensors of one type.
 
@@ -96,6 +105,8 @@ class Population:
         Channel -> how many sensors it rests on.
     bodies, lengths_m, noise, sampling_period_s : mapping
         Channel -> what its sensors have: the last two are medians.
+    run_scatter : RunScatter or None
+        How much runs of a sensor differ in rate, on benches such as these; None where no campaign tells.
     """
 
     coordinates: tuple[Coordinate, ...]
@@ -109,6 +120,7 @@ class Population:
     lengths_m: Mapping[str, float]
     noise: Mapping[str, float]
     sampling_period_s: Mapping[str, float]
+    run_scatter: RunScatter | None = None
 
     @property
     def predictive(self) -> Array:
@@ -380,6 +392,7 @@ def fleet_document(fleet: Fleet) -> dict[str, Any]:
             "covariance": one.covariance.tolist(),
             "degrees_of_freedom": one.degrees.tolist(),
             "table_scatter": one.table_scatter,
+            **_scatter_document(one.run_scatter),
             "channels": {
                 name: known(
                     sensors=one.sensors[name],
@@ -407,6 +420,12 @@ def fleet_document(fleet: Fleet) -> dict[str, Any]:
         "left_out": dict(fleet.left_out),
         "provenance": dict(fleet.provenance),
     }
+
+
+def _scatter_document(one: RunScatter | None) -> dict[str, Any]:
+    if one is None:
+        return {}
+    return {"run_scatter": {"standard_deviation": one.standard_deviation, "degrees_of_freedom": one.degrees}}
 
 
 def _cause_document(one: FleetCause) -> dict[str, Any]:
@@ -542,7 +561,19 @@ def _population(stated: FileTable) -> Population:
         lengths_m=lengths,
         noise=per("noise"),
         sampling_period_s=per("sampling_period_s"),
+        run_scatter=_run_scatter(stated),
     )
+
+
+def _run_scatter(stated: FileTable) -> RunScatter | None:
+    if stated.get("run_scatter") is None:
+        return None
+    one = stated.mapping("run_scatter")
+    numbers = [one.number(key, positive=True) for key in ("standard_deviation", "degrees_of_freedom")]
+    for key, value in zip(("standard_deviation", "degrees_of_freedom"), numbers, strict=True):
+        if value is None:
+            raise one.error(key, "a positive number", None)
+    return RunScatter(*(value for value in numbers if value is not None))
 
 
 def _numbers(stated: FileTable, key: str, shape: tuple[int, ...]) -> Array:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from shockrig.files.causes import StatedEffect
 
 KEPT_IN = "measured"
-KEPT_FORMAT = "shock-fleet-sensor/3"
+KEPT_FORMAT = "shock-fleet-sensor/4"
 DIED = f"the process that worked on it died {DEATHS} times (out of memory?); characterize it by itself"
 
 

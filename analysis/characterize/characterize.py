@@ -93,10 +93,11 @@ def _with_shared_scatter(found: dict[ChannelName, ChannelResult]) -> dict[Channe
     parts = [part for result in good.values() for part in result.parts]
     limit = max(part.problem.rate_scatter_limit for part in parts)
     scatter = posterior_scatter([part.fit.own_rates() for part in parts], limit)
-    return found | {name: _with_scatter(result, scatter) for name, result in good.items()}
+    return found | {name: with_scatter(result, scatter) for name, result in good.items()}
 
 
-def _with_scatter(result: ChannelResult, scatter: float) -> ChannelResult:
+def with_scatter(result: ChannelResult, scatter: float) -> ChannelResult:
+    """A channel fitted again from where it is, with another scatter of its runs in rate."""
     parts: list[Part] = []
     rows = {row.runs: row for row in result.rows}
     for part in result.parts:

@@ -163,6 +163,11 @@ class Characterization:
         """The channels that are there, by name."""
         return {name: found for name in QUANTITIES if (found := getattr(self, name)) is not None}
 
+    @property
+    def explained_parts(self) -> list[Part]:
+        """Of the channels that the model explains."""
+        return [part for found in self.channels().values() if found.explained for part in found.parts]
+
 
 def channel_result(
     rows: Sequence[TableRow],

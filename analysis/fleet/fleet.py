@@ -24,6 +24,7 @@ from shockrig.analysis.fleet.population import (
     nodes,
     table_scatter,
 )
+from shockrig.analysis.fleet.scatter import scatter_of_benches
 from shockrig.analysis.fleet.statistics import CampaignStatistics, Responses
 from shockrig.analysis.fleet.whose import causes_of
 from shockrig.files.causes import Uncertain
@@ -37,6 +38,7 @@ from shockrig.files.fleet import (
     FleetSensor,
     FleetTrend,
     Population,
+    RunScatter,
     design,
 )
 from shockrig.files.numbers import counted
@@ -341,7 +343,20 @@ def population_of(members: Members, judged: JudgedFleet) -> Population:
         lengths_m={name: found[0].length_m for name, found in channels.items()},
         noise={name: median(c.noise for c in found) for name, found in channels.items()},
         sampling_period_s={name: median(c.sampling_period_s for c in found) for name, found in channels.items()},
+        run_scatter=_run_scatter([campaign for one in members.sensors for campaign in one.campaigns]),
     )
+
+
+def _run_scatter(campaigns: Sequence[CampaignStatistics]) -> RunScatter | None:
+    """By bench; probes side by side may be off together, and count as one."""
+    by_path: dict[tuple[str, str], list[Array]] = {}
+    for one in campaigns:
+        if one.scatter_cost:
+            by_path.setdefault((one.bench, one.path), []).append(np.array(one.scatter_cost))
+    benches: dict[str, Array] = {}
+    for (bench, _), costs in by_path.items():
+        benches[bench] = benches.get(bench, 0.0) + np.mean(costs, axis=0)
+    return scatter_of_benches(list(benches.values()))
 
 
 def _sensor(members: Members, judged: JudgedFleet, i: int) -> FleetSensor:

@@ -21,6 +21,7 @@ from shockrig.analysis.characterize.result import ChannelResult, Characterizatio
 from shockrig.analysis.estimate.channel import AMBIENT_WIDTH_K
 from shockrig.analysis.estimate.quantity import QUANTITIES
 from shockrig.analysis.fleet.population import FALSE_DISCOVERIES, distance
+from shockrig.analysis.fleet.scatter import with_scatter_of_type
 from shockrig.analysis.fleet.statistics import film, stated, statistics_of
 from shockrig.files.causes import StatedEffect
 from shockrig.files.fleet import ALPHA, Coordinate, FleetFigure, Population, demand_of_type
@@ -95,9 +96,11 @@ def with_population(result: Characterization, population: Population) -> WithFle
     InputError
         The sensors are of another type: another body, or another length is stated.
     """
+    itself, result = result, with_scatter_of_type(result, population.run_scatter)
+    own_values = {name: c.value for name, c in statistics_of(itself, "").channels.items()}
     known = statistics_of(result, "")
     size = len(population.coordinates)
-    values, channels, rows, covariances, commons = [], [], [], [], []
+    values, ours_alone, channels, rows, covariances, commons = [], [], [], [], [], []
     keys = sorted({key for c in known.channels.values() for key in c.shared})
     probability: dict[str, float] = {}
     for name, c in known.channels.items():
@@ -121,6 +124,7 @@ def with_population(result: Characterization, population: Population) -> WithFle
             continue
         channels += [name] * len(asked)
         values += list(c.value[keep])
+        ours_alone += list(own_values[name][keep])
         rows += asked
         covariances.append(R)
         commons.append(C[keep])
@@ -137,8 +141,8 @@ def with_population(result: Characterization, population: Population) -> WithFle
         ours = [rows[i] for i in own]
         new = [c for c in _nodes(population, name) if all(_apart(c, one) for one in ours)]
         found = given([*ours, *new])
-        alone = np.concatenate([np.array(values)[own], np.full(len(new), np.nan)])
-        figures[name] = _figures(population, result, name, [*ours, *new], alone, found)
+        alone = np.concatenate([np.array(ours_alone)[own], np.full(len(new), np.nan)])
+        figures[name] = _figures(population, itself, name, [*ours, *new], alone, found)
         if name == "temperature" and temperature is not None:
             temperature = _bead(result, temperature, figures[name])
         if name == "humidity" and humidity is not None:

@@ -20,6 +20,7 @@ from shockrig.analysis.characterize.response_times import response_slopes
 from shockrig.analysis.characterize.result import ChannelResult, Characterization, Part
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.quantity import RunEffect
+from shockrig.analysis.fleet.scatter import scatter_cost
 from shockrig.files.campaign import Campaign
 from shockrig.files.causes import StatedEffect
 from shockrig.files.fleet import ALPHA, SENSOR_OF, Coordinate, D
@@ -132,7 +133,8 @@ class ChannelStatistics:
 @dataclass(frozen=True)
 class CampaignStatistics:
     """One probe of one campaign; a channel that could not be had is in `missing`, with the reason. `causes` are those
-    that a diagnosis names, by channel; a channel that was not diagnosed is not there."""
+    that a diagnosis names, by channel; a channel that was not diagnosed is not there. `scatter_cost` is what its runs
+    say of how much they differ in rate (`scatter.scatter_cost`)."""
 
     name: str
     path: str
@@ -145,6 +147,7 @@ class CampaignStatistics:
     missing: Mapping[str, str] = field(default_factory=dict)
     emulated: bool = False
     causes: Mapping[str, tuple[StatedEffect, ...]] = field(default_factory=dict)
+    scatter_cost: tuple[float, ...] = ()
 
 
 def statistics_of(result: Characterization, fingerprint: str) -> CampaignStatistics:
@@ -161,6 +164,7 @@ def statistics_of(result: Characterization, fingerprint: str) -> CampaignStatist
         channels={str(name): _channel(found) for name, found in result.channels().items()},
         missing={str(name): reason for name, reason in result.missing.items()},
         emulated=campaign.emulated,
+        scatter_cost=scatter_cost(result),
     )
 
 
@@ -282,6 +286,7 @@ def statistics_document(one: CampaignStatistics) -> dict[str, Any]:
         **{name: getattr(one, name) for name in _PLAIN},
         "serials": dict(one.serials),
         "missing": dict(one.missing),
+        "scatter_cost": list(one.scatter_cost),
         "channels": {
             name: {
                 **{key: getattr(c, key) for key in _OF_CHANNEL},
@@ -309,6 +314,7 @@ def statistics_from(document: Mapping[str, Any]) -> CampaignStatistics:
         **{name: document[name] for name in _PLAIN},
         serials=document["serials"],
         missing=document["missing"],
+        scatter_cost=tuple(document["scatter_cost"]),
         channels={
             name: ChannelStatistics(
                 **{key: c[key] for key in _OF_CHANNEL},

@@ -19,16 +19,18 @@ import shockrig
 from shockrig.analysis.characterize.characterize import characterize
 from shockrig.analysis.characterize.part_fit import read_extension
 from shockrig.analysis.diagnose.remainder import Tolerance
+from shockrig.analysis.estimate.problem import OwnRates, restricted
 from shockrig.analysis.fleet.fleet import common_share, fleet_of, members_of
 from shockrig.analysis.fleet.population import benjamini_hochberg, level, reduce_members
 from shockrig.analysis.fleet.prior import with_population
+from shockrig.analysis.fleet.scatter import TRIALS, scatter_of_benches
 from shockrig.analysis.fleet.statistics import statistics_of
 from shockrig.analysis.fleet.whose import DiagnosedProbe, causes_of, judged_causes
 from shockrig.analysis.report.fleet_page import cause_sentence, write_fleet_page
 from shockrig.files import diagnosis
 from shockrig.files.causes import StatedEffect, Uncertain
 from shockrig.files.errors import InputError
-from shockrig.files.fleet import BENCH, SENSOR, TYPE, design, fleet_document, read_fleet
+from shockrig.files.fleet import BENCH, SENSOR, TYPE, RunScatter, design, fleet_document, read_fleet
 from shockrig.files.profile import read_profile, write_profile
 from shockrig.protocols import fleet_map
 from shockrig.protocols.cli import main
@@ -682,9 +684,11 @@ def test_four_shocks_and_a_fleet_say_what_a_campaign_does(bench, type_fleet, tmp
     assert profile.provenance["belongs_to_fleet"] == {"temperature": True, "humidity": True}
     rows = profile.humidity.diffusivity_table
     assert {0, 20, 40} <= {round(row.ambient_temperature_c) for row in rows}
-    alone = shockrig.characterize(path)
-    known = {round(row.ambient_temperature_c): row for row in alone.profile.humidity.diffusivity_table}
-    assert 0 not in known
+    alone, one = shockrig.characterize(path), type_fleet.population
+    assert 0 not in {round(row.ambient_temperature_c) for row in alone.profile.humidity.diffusivity_table}
+    # By its own runs, were these known to differ as those of the fleet do.
+    unknown = with_population(alone.result, replace(one, covariance=1e4 * one.covariance)).profile.humidity
+    known = {round(row.ambient_temperature_c): row for row in unknown.diffusivity_table}
     for row in rows:
         true = float(truth.diffusivity_m2_s(row.ambient_temperature_c))
         assert abs(row.diffusivity_m2_s - true) < 3.5 * row.standard_uncertainty
@@ -718,13 +722,19 @@ def test_a_sensor_that_does_not_belong_is_said_and_left_alone(bench, type_fleet,
     folder, _ = bench
     alone = alone_of("s3")
     # As forty sensors would know it: of four, 30 % are not too far.
-    known = replace(type_fleet.population, covariance=4e-4 * np.eye(4), degrees=np.full(4, 40.0))
+    known = replace(type_fleet.population, covariance=4e-4 * np.eye(4), degrees=np.full(4, 40.0), run_scatter=None)
     assert shockrig.characterize(folder / "s3", fleet=type_fleet).fleet.belongs("humidity")
     found = shockrig.characterize(folder / "s3", fleet=replace(type_fleet, population=known))
     assert found.fleet.belongs("temperature") and not found.fleet.belongs("humidity")
     assert found.profile.humidity == alone.profile.humidity
     assert any("film does not belong to the fleet" in note for note in found.notes)
     assert found.profile.temperature != alone.profile.temperature
+    # How much runs differ is the bench's, whichever sensor it has.
+    restless = replace(type_fleet, population=replace(known, run_scatter=RunScatter(0.02, 200.0)))
+    of_bench = shockrig.characterize(folder / "s3", fleet=restless).profile.humidity.diffusivity_table
+    for row, before in zip(of_bench, alone.profile.humidity.diffusivity_table, strict=True):
+        assert row.standard_uncertainty > 1.3 * before.standard_uncertainty
+        assert abs(row.diffusivity_m2_s - before.diffusivity_m2_s) < before.standard_uncertainty
 
 
 def test_a_prior_of_another_body_or_length_is_refused(bench, type_fleet):
@@ -742,6 +752,7 @@ def test_a_wide_population_changes_nothing_and_a_narrow_one_is_the_answer(bench,
     folder, _ = bench
     campaign, one = shockrig.read_campaign(folder / "s0"), type_fleet.population
     alone = alone_of("s0").profile
+    one = replace(one, run_scatter=None)
     wide = replace(type_fleet, population=replace(one, covariance=1e4 * one.covariance))
     found = shockrig.characterize(campaign, fleet=wide).profile
     assert found.temperature.thermal_diffusivity_m2_s.value == pytest.approx(
@@ -798,3 +809,34 @@ def test_before_its_own_runs_a_sensor_is_known_as_its_type_is(bench, type_fleet,
     films = [run for run in campaign.runs if run.source.temperature_c == run.destination.temperature_c]
     of_film = replace(campaign, runs=tuple(films))
     assert shockrig.plan(of_film, until="alpha 0.1 %", fleet=type_fleet).goals[0]["now"] == pytest.approx(spread[0])
+
+
+def test_how_much_runs_differ_is_learned_from_benches_as_far_as_these_are_alike():
+    rng = np.random.default_rng(31)
+
+    def cost(scatter):
+        spread = np.full(28, 0.0025)
+        own = rng.normal(0.0, np.hypot(scatter, spread))
+        return restricted(TRIALS, [OwnRates(own, spread, np.zeros(28, dtype=int))])
+
+    alike = scatter_of_benches([cost(0.008) for _ in range(30)])
+    unlike = scatter_of_benches([cost(0.008 * np.exp(0.3 * rng.standard_normal())) for _ in range(30)])
+    lone = scatter_of_benches([cost(0.008)])
+    assert alike.standard_deviation == pytest.approx(0.008, rel=0.1) and alike.degrees > 40.0
+    assert unlike.standard_deviation == pytest.approx(0.008, rel=0.25)
+    assert lone.degrees < unlike.degrees < 12.0  # 0.3 of ln sigma are 6 degrees
+    assert scatter_of_benches([]) is None
+
+
+def test_a_few_runs_are_as_uncertain_as_runs_of_the_fleet_differ(type_fleet, alone_of, tmp_path):
+    result, one = alone_of("s0").result, type_fleet.population
+    assert one.run_scatter.standard_deviation == pytest.approx(type_of_sensors(20).rate_scatter, rel=0.4)
+    wide = replace(one, covariance=1e4 * one.covariance)
+    calm, restless = (
+        with_population(result, replace(wide, run_scatter=RunScatter(s, 200.0))).figures["temperature"][0]
+        for s in (0.002, 0.02)
+    )
+    assert restless.shrunk.standard_uncertainty > 2.0 * calm.shrunk.standard_uncertainty
+    assert restless.own == calm.own  # what it is by itself stays
+    type_fleet.write(tmp_path / "fleet.json")
+    assert read_fleet(tmp_path / "fleet.json").population.run_scatter == one.run_scatter
