@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from shockrig.analysis.characterize.result import ChannelResult
 from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis
 from shockrig.analysis.diagnose.gain import folds, placed, plainly
-from shockrig.analysis.estimate.channel import log_bins
+from shockrig.analysis.estimate.channel import FIRST_LOG_BIN_S, log_bins
 from shockrig.analysis.estimate.fit import Fit, fit, model_at_samples
 from shockrig.analysis.estimate.model import PLAIN, Model, Structure
 from shockrig.analysis.estimate.problem import Problem
@@ -78,7 +78,8 @@ def _residuals(
 
 @dataclass(frozen=True)
 class MisfitSize:
-    """How far off a model is after the transfer: rms, and the largest mean in a bin of log time, with its run."""
+    """How far off a model is from FIRST_LOG_BIN_S after the transfer on: rms, and the largest mean in a bin of log
+    time, with its run."""
 
     rms: float
     peak: float
@@ -88,7 +89,8 @@ class MisfitSize:
 
 def size(held: HeldOut, residuals: tuple[Array, ...]) -> MisfitSize:
     """Size of held-out residuals [channel's unit]."""
-    after = [r[t > 0] for t, r in zip(held.time_s, residuals, strict=True)]
+    # A reading amid the air's jump is off by the whole step where the run's start is off by milliseconds.
+    after = [r[t >= FIRST_LOG_BIN_S] for t, r in zip(held.time_s, residuals, strict=True)]
     peak = (0.0, 0.0, "")
     for run, time, residual in zip(held.run_ids, held.time_s, residuals, strict=True):
         where, mean = log_bins(time, residual)

@@ -359,14 +359,17 @@ def as_single_samples(channel: Channel, times: Sequence[Array] | None = None) ->
     return replace(channel, time_s=time, value=value, count=count, die_c=die)
 
 
+FIRST_LOG_BIN_S = 0.05  # before it, the air's own jump and when it came are all that is seen
+
+
 def log_bins(time_s: Array, values: Array, bins: int = 24) -> tuple[Array, Array]:
-    """Means of `values` (n,) in bins of equal width in log time from 0.05 s on; empty bins are left out."""
+    """Means of `values` (n,) in bins of equal width in log time from FIRST_LOG_BIN_S on; empty ones are left out."""
     time_s, values = np.asarray(time_s, dtype=float), np.asarray(values, dtype=float)
-    keep = (time_s >= 0.05) & np.isfinite(values)
+    keep = (time_s >= FIRST_LOG_BIN_S) & np.isfinite(values)
     time_s, values = time_s[keep], values[keep]
     if time_s.size == 0:
         return np.empty(0), np.empty(0)
-    edges = np.geomspace(0.05, max(time_s.max(), 0.1) * 1.0001, bins + 1)
+    edges = np.geomspace(FIRST_LOG_BIN_S, max(time_s.max(), 2.0 * FIRST_LOG_BIN_S) * 1.0001, bins + 1)
     where = np.digitize(time_s, edges) - 1
     count = np.bincount(where, minlength=bins)[:bins]
     filled = count > 0

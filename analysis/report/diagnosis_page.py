@@ -14,7 +14,7 @@ from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis, Diagnosis, co
 from shockrig.analysis.diagnose.held_out import autocorrelation, drifts, size
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.described import entry_of
-from shockrig.analysis.estimate.channel import LeftOut
+from shockrig.analysis.estimate.channel import FIRST_LOG_BIN_S, LeftOut
 from shockrig.analysis.estimate.quantity import QUANTITIES
 from shockrig.analysis.report import diagnosis_words
 from shockrig.analysis.report.crossing import Crossing, crossing_figure
@@ -225,9 +225,10 @@ def _size_words(view: ChannelView) -> str:
     def words(model: str, residuals: tuple[NDArray[np.float64], ...]) -> str:
         s = size(view.held, residuals)
         return (
-            f"After the transfer the {model} model misses runs that it was not fitted to by {plain(s.rms, 2)} {unit} "
-            f"rms: {plain(s.rms / noise, 2)} times the noise, {plain(s.rms / accuracy, 2)} times the sensor's "
-            f"stated accuracy of ±{plain(accuracy, 2)} {unit}. It is farthest off, by {plain(s.peak, 2)} {unit}, "
+            f"From {FIRST_LOG_BIN_S} s after the transfer on, the {model} model misses runs that it was not fitted to "
+            f"by {plain(s.rms, 2)} {unit} rms: {plain(s.rms / noise, 2)} times the noise, "
+            f"{plain(s.rms / accuracy, 2)} times the sensor's stated accuracy of ±{plain(accuracy, 2)} {unit}. "
+            f"It is farthest off, by {plain(s.peak, 2)} {unit}, "
             f"{plain(s.peak_time_s, 2)} s after the transfer of run {s.peak_run}."
         )
 

@@ -315,7 +315,8 @@ def channel_verdict(found: ChannelDiagnosis, whole: bool = True) -> str:
     if found.verdict == "adequate":
         return (
             f"{model} describes the {sensor}: it predicts unseen runs to {plain(gain.before, 2)} "
-            f"{unit} (noise {plain(gain.noise_floor, 2)} {unit}), and no candidate predicts them better."
+            f"{unit} (noise {plain(gain.noise_floor, 2)} {unit}), and no candidate is more "
+            "probable, its prior counted."
         )
     if found.verdict == "described":
         said = [cause_sentence(found.name, c) for c in causes] if whole else []

@@ -195,6 +195,13 @@ def test_size_says_how_far_off_when_and_in_which_run():
     assert found.rms == pytest.approx(np.sqrt(np.mean(after**2)))
 
 
+def test_one_reading_amid_the_airs_jump_is_no_misfit():
+    """A start that is 20 ms off puts one reading on the wrong side of a step of 40 %RH."""
+    time = np.arange(0.02, 60.0, 0.1)
+    jump = np.where(time < 0.05, 40.0, 0.1)
+    assert size(held([time], [jump]), (jump,)).rms == pytest.approx(0.1)
+
+
 def single_runs(rng, exponent):
     runs = []
     for i in range(24):
