@@ -16,6 +16,7 @@ from scipy.signal import lfilter
 import shockrig
 from shockrig.analysis.flight.comparisons import PARTED
 from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.learn import learn as race
 from shockrig.analysis.learn.bins import SUB_SAMPLES, binned, passes, side_by_side, why_nothing
 from shockrig.analysis.learn.density import SensorModel, begun, density, prepared, slopes
 from shockrig.analysis.learn.fit import Learned, fitted, known_of
@@ -41,6 +42,12 @@ EXAMPLES = Path(__file__).parents[2] / "data" / "examples"
 def flight():
     """An ascent and a descent through one inversion and turbulence."""
     return WORLDS.mission(3, WORLDS.Truth(), flights=1)[0]
+
+
+@pytest.fixture
+def coarse(monkeypatch):
+    """Flights in 64 bins in place of 128: for whole races, which take half as long then."""
+    monkeypatch.setattr(race, "BINS", 64)
 
 
 def test_a_track_has_its_passes():
@@ -214,7 +221,7 @@ def test_a_bench_says_how_a_film_slows_in_the_cold():
     assert np.exp(known_of((LAWS["humidity.lag"],), said)[0].mean) == pytest.approx(8.0 * np.exp(0.8))
 
 
-def test_wash_that_cools_bead_and_film_is_one_offset():
+def test_wash_that_cools_bead_and_film_is_one_offset(coarse):
     """1 K colder in descent: an offset of the bead, its size, and a film that is as cold, so that vapour needs none.
 
     The profile takes it off a flight that was not used: its ways are nearer, for both sensors.
@@ -286,7 +293,7 @@ def test_a_flight_that_says_nothing_is_left_out_with_its_reason(flight):
     assert "no air was passed twice" in why_nothing(replace(flight, altitude_m=np.full(flight.time_s.size, 80.0)))
 
 
-def test_a_clock_and_lags_are_found_from_the_command_line(tmp_path, capsys):
+def test_a_clock_and_lags_are_found_from_the_command_line(coarse, tmp_path, capsys):
     """A clock that is 18 s off beside lags of 5 and 10 s: named as a clock; the profile has the lags."""
     truth = WORLDS.Truth(clock_s=18.0)
     paths = [str(WORLDS.write(one, tmp_path / f"{i}.csv")) for i, one in enumerate(WORLDS.mission(5, truth, flights=2))]
@@ -330,7 +337,7 @@ def test_worlds_lag_by_their_own_equation():
     np.testing.assert_allclose(WORLDS.lagged(air, 3.0), expected, rtol=1e-12)
 
 
-def test_learn_in_python_has_a_result_like_the_others():
+def test_learn_in_python_has_a_result_like_the_others(coarse):
     """A DataFrame of a log without altitude but with pressure: tables, arrays, a figure, a card; the sensors corrected;
     a sentence on the altitude; and a log of one way alone refused."""
     log = shockrig.read_flight(EXAMPLES / "flight.csv")
@@ -552,7 +559,7 @@ def test_a_clock_is_found_where_nothing_fits_without_it():
     assert found.total > plain.total + 100.0
 
 
-def test_two_logs_of_one_flight_in_python(twins):
+def test_two_logs_of_one_flight_in_python(coarse, twins):
     """Thermometers with a log each, the second's clock 100 s off: both lags within two standard uncertainties, a sensor
     and a profile for each, and how they differ in the document."""
     logs = [[pair[which].flight for pair in twins[:1]] for which in (0, 1)]

@@ -142,7 +142,7 @@ def test_a_ramp_that_begins_is_no_step_to_use():
 def test_a_sensor_carried_back_before_it_has_settled():
     """Forty to fifty turns, each after 1.2 to 4 time constants: nothing is invented, nine in ten are seen."""
     seen = carried = 0
-    for seed in range(6):
+    for seed in range(3):
         random = np.random.default_rng(seed)
         turns_s = 100.0 + np.cumsum(10.0 * random.uniform(1.2, 4.0, 45))
         time_s = np.arange(0.0, turns_s[-1] + 60.0, 0.5)
