@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.flight.causal_bank import Bank, Estimate, surely
+from shockrig.analysis.flight.causal_bank import Bank, MixtureEstimate, surely
 from shockrig.analysis.flight.causal_design import ChannelDesign, Design, design_of
 from shockrig.analysis.flight.causal_guard import CODES_WITHIN, Guard, Judged
 from shockrig.analysis.flight.channel import LONGEST_FILL_S, LONGEST_REPEAT_S
@@ -76,7 +76,7 @@ class _Told:
 
     judged: Judged = STRAY
     kept: int = -1
-    air: Estimate | None = None
+    air: MixtureEstimate | None = None
     clean: float = np.nan
     slow: tuple[float, ...] = ()
     relative: float = 0.0
@@ -99,7 +99,7 @@ class _Seen:
     unsure: bool = False
     bead: _Told = field(default_factory=_Told)
     film: _Told = field(default_factory=_Told)
-    now: Estimate = field(default_factory=lambda: surely(np.nan))  # temperature that humidity was reckoned with,
+    now: MixtureEstimate = field(default_factory=lambda: surely(np.nan))  # temperature that humidity was reckoned with,
     now_c: float = np.nan  # within the profile's table
     back: float = np.nan  # from what the film holds to humidity
     at_die: bool = False
@@ -187,7 +187,7 @@ class CausalChannel:
         nodes = np.linspace(np.log(ladder.lowest), np.log(ladder.highest), rates.size)
         return float(np.exp(np.interp(np.log(self.bank.middle), nodes, rates)))
 
-    def air(self, kept: int, late_s: float = 0.0) -> Estimate | None:
+    def air(self, kept: int, late_s: float = 0.0) -> MixtureEstimate | None:
         """The air `late_s` before the row that was `kept` under that number; None where that is of before a start."""
         bank = self.bank
         if not self.started or kept < bank.first:

@@ -91,7 +91,7 @@ def half_width(likely: list[float], off: list[float], variance: list[float]) -> 
 
 
 @dataclass(frozen=True)
-class Estimate:
+class MixtureEstimate:
     """The air and its variance over the filters; how likely each of them is, how far off, and its own variance."""
 
     value: float
@@ -107,9 +107,9 @@ class Estimate:
         return (half_width(self.likely.tolist(), self.off.tolist(), self.own.tolist()) / NORMAL_WIDTH) ** 2
 
 
-def surely(value: float) -> Estimate:
+def surely(value: float) -> MixtureEstimate:
     """What is known without a doubt."""
-    return Estimate(value, 0.0, np.ones(1), np.zeros(1), np.zeros(1))
+    return MixtureEstimate(value, 0.0, np.ones(1), np.zeros(1), np.zeros(1))
 
 
 class Bank:
@@ -283,18 +283,18 @@ class Bank:
         self.past_with = np.append(self.past_with, with_air[:, None], axis=1)[:, keep]
         return self.count - 1
 
-    def now(self) -> Estimate:
+    def now(self) -> MixtureEstimate:
         """The air and its variance."""
         return self._estimate(self.mean @ self.h, self._air_variance())
 
-    def ago(self, rows: int) -> Estimate:
+    def ago(self, rows: int) -> MixtureEstimate:
         """The air so many `keep`s ago (0: the last)."""
         if not self.wait or not self.past.shape[1]:
             return self.now()
         place = -1 - min(rows, self.past.shape[1] - 1)
         return self._estimate(self.past[:, place], np.maximum(self.past_p[:, place], 0.0))
 
-    def ahead(self, step_s: float) -> Estimate:
+    def ahead(self, step_s: float) -> MixtureEstimate:
         """The air that much later than the last reading tells of."""
         gone = np.exp(-RATES_PER_S * step_s)
         h = self.h.copy()
@@ -325,9 +325,9 @@ class Bank:
         air = float(self.likely @ each)
         return air, float(self.likely @ (UNSURE_OF_STRENGTH * spread + (each - air) ** 2))
 
-    def _estimate(self, each: Array, spread: Array) -> Estimate:
+    def _estimate(self, each: Array, spread: Array) -> MixtureEstimate:
         air, variance = self._together(each, spread)
-        return Estimate(air, variance, self.likely, each - air, UNSURE_OF_STRENGTH * spread)
+        return MixtureEstimate(air, variance, self.likely, each - air, UNSURE_OF_STRENGTH * spread)
 
     def _mix(self, step_s: float) -> None:
         """Before each step every filter takes over from the others what they are worth."""
