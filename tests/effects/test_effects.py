@@ -11,7 +11,7 @@ from dataclasses import replace
 import foreign_lab as foreign
 import numpy as np
 import pytest
-from small_worlds import record
+from small_worlds import record, small_plan
 
 from shockrig.analysis.diagnose.candidates import Candidate, log_prior
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
@@ -404,7 +404,7 @@ def test_every_entry_is_recovered_from_an_independent_bench():
 def test_it_is_recovered_from_the_virtual_bench(tmp_path, effect):
     name, true = RECOVERED[effect]
     hidden = Hidden(effect, true, (name,) if KINDS[effect].single else ())
-    channel = build_channel(record(tmp_path / "c", 11, [hidden]), name)
+    channel = build_channel(record(tmp_path / "c", 11, [hidden], plan=small_plan()[::2]), name)
     entry = CATALOGUE[effect]
     if not entry.fitted:
         found, problem = shown(channel, entry, true)
