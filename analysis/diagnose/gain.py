@@ -17,12 +17,12 @@ from shockrig.analysis.diagnose.search import Rated
 from shockrig.analysis.estimate.arrow import Arrow
 from shockrig.analysis.estimate.channel import Channel, as_single_samples
 from shockrig.analysis.estimate.effect import TINY_STRENGTH
-from shockrig.analysis.estimate.fit import Fit, fit, linearise, run_misfit
+from shockrig.analysis.estimate.fit import Fit, fit, linearise
 from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.predictive import as_stated, bumps, score
 from shockrig.analysis.estimate.problem import RATE_SCATTER, Problem
-from shockrig.analysis.estimate.scan import STUCK_MEAN_SQUARE, scanned_starts
+from shockrig.analysis.estimate.scan import scanned_starts
 from shockrig.analysis.physics.chain import at_jump, evaluate
 
 Array = NDArray[np.float64]
@@ -43,16 +43,12 @@ def placed(bins: Problem, found: Fit) -> Array:
     """Random effects (R, U) of runs that a model was not fitted to."""
     # How much stronger an effect is in a run by chance, no other run tells.
     problem = bins.with_rate_scatter(RATE_SCATTER).with_strength_scatter(TINY_STRENGTH)
-    at, astray = _placed(problem, found)
-    if not astray.any():
-        return at
-    # Readings are weighted by their noise, and a wrong model's errors are none: where noise has a long memory such a
-    # run is placed by its increments, far from its level. Whatever leaves less of the readings is its place.
-    part = problem.select(astray)
-    before = _squares(part, found, at[astray])
-    evenly, _ = _placed(_by_count(part, before / TRUSTED_FACTOR**2), found)
-    at[astray] = np.where((_squares(part, found, evenly) < before)[:, None], evenly, at[astray])
-    return at
+    at = _placed(problem, found)
+    # What is judged is how far readings are off, each as much as the others. Where noise has a long memory it weighs
+    # their increments, and a model that misses a run by more than noise would be placed far from its level.
+    before = _squares(problem, found, at)
+    evenly = _placed(_by_count(problem, before / TRUSTED_FACTOR**2), found)
+    return np.where((_squares(problem, found, evenly) < before)[:, None], evenly, at)
 
 
 def _by_count(problem: Problem, variance: Array) -> Problem:
@@ -61,8 +57,8 @@ def _by_count(problem: Problem, variance: Array) -> Problem:
     return replace(problem, whitener=level[:, :, None] * np.eye(level.shape[1]))
 
 
-def _placed(problem: Problem, found: Fit) -> tuple[Array, NDArray[np.bool_]]:
-    """Where runs fit best within what is stated of them (R, U), and which of them a model misses (R,)."""
+def _placed(problem: Problem, found: Fit) -> Array:
+    """Where runs fit best within what is stated of them (R, U)."""
     at = problem.channel.at_rest()
     reached = fit(problem, found.structure, found.theta, at, adapt_scatter=False, hold_theta=True)
     moved = scanned_starts(problem, reached)
@@ -71,7 +67,7 @@ def _placed(problem: Problem, found: Fit) -> tuple[Array, NDArray[np.bool_]]:
         reached = min((reached, again), key=lambda f: f.objective)
     # What nobody recorded is free: it is placed where it fits best, for every model alike.
     limit = np.where(problem.stated, PLACED_WITHIN, FREE_LIMIT) * problem.scatter
-    return _within(problem, found, reached.deviations, limit), run_misfit(problem, reached) > STUCK_MEAN_SQUARE
+    return _within(problem, found, reached.deviations, limit)
 
 
 def _squares(problem: Problem, found: Fit, deviations: Array) -> Array:

@@ -185,10 +185,10 @@ UNKNOWN_START_SHARE = 0.5  # of the time to half of the step: a response that se
 ORDINARY_HALF_WAY_S = (0.25, 8.0)  # of the sensors that the bins and the limits below were laid out for
 SLOWED_TIMES, SLOWED_FROM_S = 3.0, 0.5  # usual durations, and seconds, from which a transfer was slowed on purpose
 UNKNOWN_AIRFLOW_M_S = 5.0
-FEWEST_SAMPLES = 30
+FEWEST_SAMPLES = 8  # a run's own start and airs, a rate, and as many again to tell them from noise
 UNKNOWN_AMBIENT_WIDTH_K = 5.0  # of rooms and boxes that nobody measured; how D moves within it is interpolated
 SLIGHT_STEP = 0.1  # of the largest step
-FEWEST_AFTER = 20  # samples after a transfer
+FEWEST_AFTER = 6  # of these, after a transfer
 SHORTEST_BEFORE, SHORTEST_AFTER = 2.0, 7.0  # records around a transfer, in times to half of the step; else 1 s and 5 s
 
 
@@ -281,7 +281,10 @@ def _found_start(run: Run) -> float | None:
 def _start_of(trace: Trace, column: str) -> float | None:
     """As `estimate_start`, once for each trace: looks at a campaign, its fits and its diagnosis all ask for it."""
     if trace not in _STARTS:
-        _STARTS[trace] = estimate_start(trace.time_s, trace.values[column])
+        found = estimate_start(trace.time_s, trace.values[column])
+        if found is not None and found <= trace.time_s[0]:  # in the middle of a response: it began before the record
+            found = float(trace.time_s[0] - np.median(np.diff(trace.time_s)))
+        _STARTS[trace] = found
     return _STARTS[trace]
 
 
@@ -338,10 +341,11 @@ def _unfit(one: UsableRun, quantity: Quantity, tempo: float, half_s: float) -> s
         return None
     period = float(np.median(np.diff(time)))
     before = time < start - min(0.05, 0.5 * period)
-    fewest = 8 if period < 0.5 else 4
     half = half_s if np.isfinite(half_s) else np.inf
-    least_s = min(SHORTEST_BEFORE * half, 1.0)
-    if before.sum() < fewest or start - time[0] < least_s:
+    # A start that is estimated is the end of what is level, or the begin of a record in the middle of a response.
+    estimated = one.run.start_s is None
+    fewest, least_s = 8 if period < 0.5 else 2, min(SHORTEST_BEFORE * half, 1.0)
+    if not estimated and (before.sum() < fewest or start - time[0] < least_s):
         return (
             f"the plateau before the transfer is missing ({int(before.sum())} samples); it alone shows that the sensor "
             f"had settled, a stated air does not: record {fewest} samples and {least_s:.2g} s before it, or more"
@@ -357,7 +361,7 @@ def _unfit(one: UsableRun, quantity: Quantity, tempo: float, half_s: float) -> s
     gap = float(np.diff(near).max()) if near.size > 1 else np.inf
     if gap > max(0.8 * tempo, 5 * period):
         return f"a gap of {gap:.1f} s over the transfer"
-    drift = _drift(value[before])
+    drift = _drift(value[before]) if before.sum() > 1 else 0.0
     step = _step_read(one, quantity, tempo)
     known = _airs_known(one.run, quantity)
     if not known and step < quantity.least_step:
@@ -374,7 +378,7 @@ def _step_read(one: UsableRun, quantity: Quantity, tempo: float) -> float:
     period = float(np.median(np.diff(time)))
     before = time < one.start_s - min(0.05, 0.5 * period)
     last = time > time[-1] - max(5.0 * min(tempo, 1.0), 5 * period)
-    return float(abs(value[last].mean() - value[before].mean()))
+    return float(abs(value[last].mean() - (value[before].mean() if before.any() else value[0])))
 
 
 def _airs_known(run: Run, quantity: Quantity) -> bool:
@@ -513,13 +517,16 @@ def _with_scatter_before(
 
 
 def _plateau(trace: Trace, column: str, start: float, after: bool, tempo: float) -> float:
-    """Mean of the readings before the start, or of the last ones; NaN where there are none."""
-    time = trace.time_s
+    """Mean of the readings before the start, or of the last ones; the first reading where a record begins after the
+    start, and NaN where there is none."""
+    time, values = trace.time_s, trace.values[column]
     spacing = float(np.median(np.diff(time)))
     last = time > time[-1] - max(5.0 * min(tempo, 1.0), 5 * spacing)
-    values = trace.values[column][last if after else time < start - min(0.2, 2 * spacing)]
-    values = values[np.isfinite(values)]
-    return float(values.mean()) if values.size else np.nan
+    shown = values[last if after else time < start - min(0.2, 2 * spacing)]
+    shown = shown[np.isfinite(shown)]
+    if not shown.size and not after:
+        shown = values[np.isfinite(values)][:1]
+    return float(shown.mean()) if shown.size else np.nan
 
 
 def _airs(usable: list[UsableRun], kind: str, of: Quantity, quantity: Quantity, tempo: float) -> tuple[Array, Array]:
@@ -538,8 +545,9 @@ def _airs(usable: list[UsableRun], kind: str, of: Quantity, quantity: Quantity, 
         if value is None:
             after, found = kind == "destination", run.hyt if of is HUMIDITY else (run.imet or run.hyt)
             value = _plateau(found, of.column, one.start_s, after, tempo) if found is not None else np.nan
-            if of is quantity and after and np.isfinite(value):
-                scatter = float(np.hypot(scatter, _still_to_go(one, quantity, value)))
+            if of is quantity and np.isfinite(value):
+                unseen = _still_to_go(one, quantity, value) if after else _gone_before(one, quantity)
+                scatter = float(np.hypot(scatter, unseen))
             if not np.isfinite(value):
                 value = of.usual_air
         values.append(value)
@@ -624,6 +632,16 @@ def _still_to_go(one: UsableRun, quantity: Quantity, end: float) -> float:
     few = max(time.size // 40, 1)
     middle = value[max(half - few, 0) : half + few + 1]
     return float(abs(end - np.nanmedian(middle)) / np.expm1(1.0))
+
+
+def _begun_before(one: UsableRun) -> bool:
+    """Whether a run's record begins in the middle of the response."""
+    return one.air is None and one.start_s < one.trace.time_s[0]
+
+
+def _gone_before(one: UsableRun, quantity: Quantity) -> float:
+    """How far a reading may have gone before its record began: as far as it goes in it."""
+    return float(np.ptp(one.trace.values[quantity.column])) if _begun_before(one) else 0.0
 
 
 def _hours(runs: Sequence[Run]) -> Array:

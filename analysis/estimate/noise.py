@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.readings import half_way_s, white_noise
+from shockrig.analysis.estimate.readings import FEWEST_TO_TIME, curved_noise, half_way_s, missed_by_line
 
 Array = NDArray[np.float64]
 
@@ -503,12 +503,17 @@ def longest_average(channel: Channel) -> int:
 
 
 def _crude(channel: Channel, step: float) -> Noise:
-    """White noise from differences where no plateau is long enough for more."""
-    rests = [y[t > 0.6 * t[-1]] for t, y in channel.samples]
-    spread = [white_noise(y) for y in rests]
+    """White noise about a curve where no plateau is long enough for more."""
+    lates = [t > 0.6 * t[-1] for t, _ in channel.samples]
+    rests = [
+        (t[late], y[late]) if late.sum() >= FEWEST_TO_TIME else (t, y)
+        for (t, y), late in zip(channel.samples, lates, strict=True)
+    ]
+    spread = [curved_noise(*rest) for rest in rests]
     if not step:
-        # Where most readings are the one before over again, as those of a coarse step are, their median change is none.
-        spread = [s or float(np.sqrt(np.mean(np.diff(y) ** 2) / 2.0)) for s, y in zip(spread, rests, strict=True)]
+        # Where most readings are the one before over again, as those of a coarse step are, their median miss is none.
+        means = [float(np.sqrt(np.mean(missed_by_line(*rest) ** 2))) for rest in rests]
+        spread = [s or mean for s, mean in zip(spread, means, strict=True)]
     return Noise(max(float(np.median(spread)), 1e-4), 0.0, 0.0, 1, 0.0, 0, np.zeros(MAX_AVERAGED), step)
 
 

@@ -28,6 +28,21 @@ def white_noise(value: NDArray[np.float64]) -> float:
     return MAD_TO_SIGMA * float(np.median(np.abs(np.diff(value)))) / float(np.sqrt(2.0))
 
 
+def missed_by_line(time_s: NDArray[np.float64], value: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What each reading (n,) misses the line between its neighbours by (n - 2,), scaled to the readings' noise: on a
+    slow curve, however far apart they stand, nothing else is in it (Gasser, Sroka and Jennen-Steinmetz 1986,
+    10.1093/biomet/73.3.625)."""
+    width = time_s[2:] - time_s[:-2]
+    share = np.divide(time_s[1:-1] - time_s[:-2], width, out=np.full(width.size, 0.5), where=width > 0.0)
+    missed = value[1:-1] - (1.0 - share) * value[:-2] - share * value[2:]
+    return np.asarray(missed / np.sqrt(1.0 + (1.0 - share) ** 2 + share**2))
+
+
+def curved_noise(time_s: NDArray[np.float64], value: NDArray[np.float64]) -> float:
+    """Standard deviation of independent noise about a slow curve; a few jumps do not count."""
+    return MAD_TO_SIGMA * float(np.median(np.abs(missed_by_line(time_s, value))))
+
+
 def mostly_repeats(channel: Channel, step: float) -> bool:
     """Whether most readings are the one before over again, by more than rounding to `step` makes them."""
     moved = np.abs(np.concatenate([np.diff(value) for _, value in channel.samples]))
@@ -113,19 +128,25 @@ SCAN_NARROWINGS = 3
 SCAN_POINTS = 700  # of a record, beyond which it is averaged for the scan
 RELAXATION_ROUNDS = 5
 STEP_IN_NOISE = 10.0  # a smaller change is no step to time
+TINY = 1e-30  # sum of squares of what fits exactly
+FEWEST_TO_TIME = 8  # readings: a start, a level, and relaxations that are told from noise
 
 
 def estimate_start(time_s: Array, value: Array) -> float | None:
-    """Start of the transient in one trace (n,) [s]; None where no step stands out of the noise."""
-    if time_s.size < 20:
+    """Start of the transient in one trace (n,) [s]; None where no step stands out of the noise.
+
+    It is the first reading's time where the record begins in the transient: where no later start fits better than by
+    chance (Schwarz 1978, 10.1214/aos/1176344136).
+    """
+    if time_s.size < FEWEST_TO_TIME:
         return None
-    noise = white_noise(value)
-    tail = max(value.size // 20, 5)
+    noise = curved_noise(time_s, value)
+    tail = max(value.size // 20, min(5, value.size // 4))
     lowest, highest = np.quantile(value, [0.01, 0.99])
     step = max(abs(float(np.median(value[-tail:]) - np.median(value[:tail]))), 0.0)
     if step < max(STEP_IN_NOISE * noise, 0.3 * (highest - lowest), 1e-9):
         return None
-    low, high = float(time_s[3]), float(time_s[-4])
+    low, high = first, last = float(time_s[0]), float(time_s[-4])
     best = low
     for _ in range(1 + SCAN_NARROWINGS):
         starts = np.linspace(low, high, STARTS_TRIED)
@@ -134,8 +155,11 @@ def estimate_start(time_s: Array, value: Array) -> float | None:
         costs = _misfits(time, level, count, starts)
         best = float(starts[int(np.argmin(costs))])
         reach = 3.0 * (high - low) / STARTS_TRIED
-        low, high = max(best - reach, float(time_s[3])), min(best + reach, float(time_s[-4]))
-    return best
+        low, high = max(best - reach, first), min(best + reach, last)
+    if best <= time_s[1]:  # a level that one reading gives is no plateau
+        return first
+    at_once, later = _misfits(time_s, value, np.ones(time_s.size), np.array([first, best]))
+    return best if time_s.size * np.log(max(at_once, TINY) / max(later, TINY)) > np.log(time_s.size) else first
 
 
 def _thinned(time: Array, value: Array, middle: float, reach: float) -> tuple[Array, Array, Array]:
@@ -179,6 +203,8 @@ def _misfits(time: Array, value: Array, count: Array, starts: Array) -> Array:
 def half_way_s(time_s: Array, value: Array) -> float:
     """Time from 0, the start, to half of the way between the plateau before it and the last readings [s]."""
     before, after = value[time_s < 0], time_s >= 0
+    if not before.size and time_s.size:  # the record begins in the transient
+        before = value[:1]
     if not before.size or after.sum() < 5:
         return float("nan")
     level, end = float(np.median(before)), float(np.median(value[-max(value.size // 20, 3) :]))

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
+from shockrig.analysis.characterize.characterize import characterize
 from shockrig.analysis.diagnose.diagnose import cannot_tell
 from shockrig.analysis.estimate.channel import bin_means, group_ambients
 from shockrig.analysis.estimate.gather import build_channel, usable_runs
-from shockrig.analysis.estimate.readings import estimate_start
+from shockrig.analysis.estimate.readings import curved_noise, estimate_start
 from shockrig.files.campaign import Campaign, ReferenceResponse, Run, RunAir, Trace
 
 
@@ -72,13 +73,14 @@ def test_destinations_within_a_kelvin_are_one_ambient():
         (run_of(lag(TIME)[95:], TIME[95:]), "plateau before the transfer is missing (5 samples); it alone shows"),
         (run_of(lag(TIME)[95:], TIME[95:]), "record 8 samples and 0.86 s before it, or more"),
         (run_of(lag(TIME)[:130], TIME[:130]), "too short: 2.9 s"),
-        (run_of(lag(SPARSE, tau_s=9.0), SPARSE), "60.0 s and 15 samples after the transfer: record 20 samples and 5 s"),
+        (run_of(lag(SPARSE, tau_s=9.0)[:20], SPARSE[:20]), "8.0 s and 2 samples after the transfer: record 6 samples"),
         (
             run_of(np.delete(lag(TIME), slice(99, 112)), np.delete(TIME, slice(99, 112))),
             "a gap of 1.4 s over the transfer",
         ),
         (run_of(lag(TIME) + 0.1 * np.maximum(10.0 - TIME, 0), TIME), "not settled before the transfer"),
-        (run_of(lag(TIME)[:20], TIME[:20]), "only 20 usable samples"),
+        (run_of(lag(TIME)[:20], TIME[:20]), "too short: 0.0 s and 0 samples"),
+        (run_of(lag(TIME)[97:104], TIME[97:104]), "only 7 usable samples"),
         (run_of(np.full(TIME.size, 20.0), TIME, start_s=None), "no transfer.start_s"),
         (run_of(lag(TIME), TIME, imet=None), "no imet.csv"),
     ],
@@ -94,6 +96,35 @@ def test_a_start_that_nobody_recorded_is_estimated(start):
     assert estimate_start(TIME, value) == pytest.approx(start, abs=0.15)
     (used,), _ = usable_runs(campaign_of(run_of(value, TIME, start_s=None)), "temperature")
     assert used.start_s == pytest.approx(start, abs=0.15)
+
+
+@pytest.mark.parametrize(("readings", "every_s"), [(15, 3.0), (60, 1.0)])
+def test_records_that_begin_in_the_response_are_used(readings, every_s):
+    """Somebody began to write when the probe was in the other air already: what is not recorded is not presumed."""
+    tau_s, rng, runs = 9.0, np.random.default_rng(4), []
+    for i in range(4):
+        time = every_s * np.arange(readings)
+        value = lag(time, -4.0 - i, tau_s) + 0.02 * rng.standard_normal(time.size)
+        nobody = {"start_s": None, "source": RunAir(None, None), "destination": RunAir(None, None)}
+        runs.append(run_of(value, time, id=str(i), airflow_m_s=None, **nobody))
+        assert estimate_start(time, value) == 0.0
+    as_logged = {"imet": {"kind": "as logged", "body": "lumped"}}
+    campaign = Campaign("c", None, as_logged, 4e-4, 1e-5, tuple(runs), bodies={"imet": "lumped", "hyt": "lumped"})
+    found = characterize(campaign).temperature
+    assert found is not None and not found.set_aside
+    (row,) = found.rows
+    t63_s = row.response.t63_s
+    assert abs(t63_s - tau_s) < 2.5 * t63_s * row.standard_uncertainty / row.diffusivity_m2_s < 0.3 * tau_s
+
+
+def test_noise_is_what_readings_miss_a_curve_by_however_far_apart_they_stand():
+    rng = np.random.default_rng(6)
+    time = np.sort(rng.uniform(0.0, 100.0, 4000))
+    value = 20.0 * np.exp(-time / 30.0) + 0.05 * rng.standard_normal(time.size)
+    assert curved_noise(time, value) == pytest.approx(0.05, rel=0.06)
+    few = np.arange(0.0, 100.0, 4.0)
+    smooth = 20.0 * np.exp(-few / 30.0)
+    assert curved_noise(few, smooth) < 0.05 < np.std(np.diff(smooth)) / np.sqrt(2.0)
 
 
 def test_selecting_runs_selects_everything_that_belongs_to_them():
