@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from fleet_prior import FEW, errors
 from made_fleets import record_sensor, type_of_sensors
 
-from shockrig.analysis.characterize.characterize import characterize, with_scatter
+from shockrig.analysis.characterize.characterize import characterize, with_run_scatter
 from shockrig.analysis.characterize.result import to_profile
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.plans import wide_plan
@@ -62,8 +61,7 @@ def found_of(seed: int) -> list[dict[str, Any]]:
         by_runs = characterize(
             read_campaign(record_sensor(truth, plan, [seed, 3], Path(folder) / "n", 900)), quickly=True
         )
-    both = {n: with_scatter(c, truth.rate_scatter) if c.explained else c for n, c in by_runs.channels().items()}
-    by_truth = replace(by_runs, temperature=both.get("temperature"), humidity=both.get("humidity"))
+    by_truth = with_run_scatter(by_runs, truth.rate_scatter)
     found = {by: errors(to_profile(one), truth) for by, one in ((BY_RUNS, by_runs), (BY_TRUTH, by_truth))}
     return [{"seed": seed, **found}]
 

@@ -569,11 +569,8 @@ def _run_scatter(stated: FileTable) -> RunScatter | None:
     if stated.get("run_scatter") is None:
         return None
     one = stated.mapping("run_scatter")
-    numbers = [one.number(key, positive=True) for key in ("standard_deviation", "degrees_of_freedom")]
-    for key, value in zip(("standard_deviation", "degrees_of_freedom"), numbers, strict=True):
-        if value is None:
-            raise one.error(key, "a positive number", None)
-    return RunScatter(*(value for value in numbers if value is not None))
+    keys = ("standard_deviation", "degrees_of_freedom")
+    return RunScatter(*(one.demand(key, one.number(key, positive=True)) for key in keys))
 
 
 def _numbers(stated: FileTable, key: str, shape: tuple[int, ...]) -> Array:

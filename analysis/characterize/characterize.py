@@ -81,23 +81,30 @@ def characterize(
     if not found:
         reasons = "; ".join(f"{name}: {reason}" for name, reason in missing.items())
         raise InputError(f"{campaign.path}: no sensor can be characterized ({reasons}); record or import usable runs")
-    found = _with_shared_scatter(found)
-    return Characterization(campaign, seed, found.get("temperature"), found.get("humidity"), missing, input_.findings)
+    temperature, humidity = found.get("temperature"), found.get("humidity")
+    return _with_shared_scatter(Characterization(campaign, seed, temperature, humidity, missing, input_.findings))
 
 
-def _with_shared_scatter(found: dict[ChannelName, ChannelResult]) -> dict[ChannelName, ChannelResult]:
-    """The channels that are explained, fitted again with the runs' scatter that both of them together show."""
-    good = {name: result for name, result in found.items() if result.explained}
-    if not good:
-        return found
-    parts = [part for result in good.values() for part in result.parts]
+def _with_shared_scatter(result: Characterization) -> Characterization:
+    """The same with the scatter of the runs that both channels together show."""
+    parts = result.explained_parts
+    if not parts:
+        return result
     limit = max(part.problem.rate_scatter_limit for part in parts)
-    scatter = posterior_scatter([part.fit.own_rates() for part in parts], limit)
-    return found | {name: with_scatter(result, scatter) for name, result in good.items()}
+    return with_run_scatter(result, posterior_scatter([part.fit.own_rates() for part in parts], limit))
 
 
-def with_scatter(result: ChannelResult, scatter: float) -> ChannelResult:
-    """A channel fitted again from where it is, with another scatter of its runs in rate."""
+def with_run_scatter(result: Characterization, scatter: float) -> Characterization:
+    """The channels that are explained fitted again from where they are, with another scatter of their runs in rate."""
+    fitted = {name: _with_scatter(one, scatter) for name, one in result.channels().items() if one.explained}
+    return replace(
+        result,
+        temperature=fitted.get("temperature", result.temperature),
+        humidity=fitted.get("humidity", result.humidity),
+    )
+
+
+def _with_scatter(result: ChannelResult, scatter: float) -> ChannelResult:
     parts: list[Part] = []
     rows = {row.runs: row for row in result.rows}
     for part in result.parts:

@@ -34,7 +34,13 @@ from shockrig.analysis.estimate.driven_air import (
     follow_step,
 )
 from shockrig.analysis.estimate.quantity import HUMIDITY, QUANTITIES, TEMPERATURE, ChannelName, Quantity
-from shockrig.analysis.estimate.readings import estimate_start, half_way_s, resolved_half_way_s, runs_elsewhere
+from shockrig.analysis.estimate.readings import (
+    FEWEST_READINGS,
+    estimate_start,
+    half_way_s,
+    resolved_half_way_s,
+    runs_elsewhere,
+)
 from shockrig.analysis.physics.chain import MeasuredAir
 from shockrig.analysis.physics.exchange import Conditions
 from shockrig.analysis.physics.humidity import dew_point_c
@@ -185,10 +191,9 @@ UNKNOWN_START_SHARE = 0.5  # of the time to half of the step: a response that se
 ORDINARY_HALF_WAY_S = (0.25, 8.0)  # of the sensors that the bins and the limits below were laid out for
 SLOWED_TIMES, SLOWED_FROM_S = 3.0, 0.5  # usual durations, and seconds, from which a transfer was slowed on purpose
 UNKNOWN_AIRFLOW_M_S = 5.0
-FEWEST_SAMPLES = 8  # a run's own start and airs, a rate, and as many again to tell them from noise
 UNKNOWN_AMBIENT_WIDTH_K = 5.0  # of rooms and boxes that nobody measured; how D moves within it is interpolated
 SLIGHT_STEP = 0.1  # of the largest step
-FEWEST_AFTER = 6  # of these, after a transfer
+FEWEST_AFTER = 6  # readings after a transfer
 SHORTEST_BEFORE, SHORTEST_AFTER = 2.0, 7.0  # records around a transfer, in times to half of the step; else 1 s and 5 s
 
 
@@ -258,7 +263,7 @@ def _timed(run: Run, quantity: Quantity) -> UsableRun | str:
     trace = quantity.recorded(run)
     if trace is None:
         return f"no {quantity.file}"
-    if trace.time_s.size < FEWEST_SAMPLES:
+    if trace.time_s.size < FEWEST_READINGS:
         return f"only {trace.time_s.size} usable samples in {quantity.file}"
     if run.air is not None and quantity.column in run.air.values:
         start = run.start_s if run.start_s is not None else float(trace.time_s[0])
@@ -342,10 +347,10 @@ def _unfit(one: UsableRun, quantity: Quantity, tempo: float, half_s: float) -> s
     period = float(np.median(np.diff(time)))
     before = time < start - min(0.05, 0.5 * period)
     half = half_s if np.isfinite(half_s) else np.inf
-    # A start that is estimated is the end of what is level, or the begin of a record in the middle of a response.
-    estimated = one.run.start_s is None
     fewest, least_s = 8 if period < 0.5 else 2, min(SHORTEST_BEFORE * half, 1.0)
-    if not estimated and (before.sum() < fewest or start - time[0] < least_s):
+    # A start that is estimated is the end of what is level, or the begin of a record in the middle of a response.
+    stated = one.run.start_s is not None
+    if stated and (before.sum() < fewest or start - time[0] < least_s):
         return (
             f"the plateau before the transfer is missing ({int(before.sum())} samples); it alone shows that the sensor "
             f"had settled, a stated air does not: record {fewest} samples and {least_s:.2g} s before it, or more"

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.readings import FEWEST_TO_TIME, curved_noise, half_way_s, missed_by_line
+from shockrig.analysis.estimate.readings import FEWEST_READINGS, curved_noise, half_way_s, missed_by_line
 
 Array = NDArray[np.float64]
 
@@ -506,7 +506,7 @@ def _crude(channel: Channel, step: float) -> Noise:
     """White noise about a curve where no plateau is long enough for more."""
     lates = [t > 0.6 * t[-1] for t, _ in channel.samples]
     rests = [
-        (t[late], y[late]) if late.sum() >= FEWEST_TO_TIME else (t, y)
+        (t[late], y[late]) if late.sum() >= FEWEST_READINGS else (t, y)
         for (t, y), late in zip(channel.samples, lates, strict=True)
     ]
     spread = [curved_noise(*rest) for rest in rests]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -87,13 +87,23 @@ def likeliest_strength(part: OwnRates, usual: float) -> float:
     return float(trials[np.argmin(restricted(trials, [part]))])
 
 
-def posterior_scatter(parts: Iterable[OwnRates], limit: float = RATE_SCATTER_LIMIT) -> float:
-    """Root of the posterior mean of sigma^2, up to a limit, over all parts together.
+def scatters_tried(limit: float = RATE_SCATTER_LIMIT) -> Array:
+    """Trial scatters up to a limit, evenly spaced in their logarithm."""
+    return np.geomspace(0.1 * RATE_SCATTER, limit, 80)
+
+
+def posterior_scatter(
+    parts: Iterable[OwnRates],
+    limit: float = RATE_SCATTER_LIMIT,
+    prior: Callable[[Array], Array] = prior_cost,
+) -> float:
+    """Root of the posterior mean of sigma^2, up to a limit, over all parts together; `prior` is -2 log of what was
+    known before.
 
     The mean and not the mode, so that a scatter known from a dozen runs does not make the uncertainties too small.
     """
-    trials = np.geomspace(0.1 * RATE_SCATTER, limit, 80)
-    total = cost(trials, parts)
+    trials = scatters_tried(limit)
+    total = prior(trials) + restricted(trials, parts)
     posterior = np.exp(-0.5 * (total - total.min()))
     return float(np.sqrt((posterior * trials**2).sum() / posterior.sum()))
 

@@ -128,8 +128,8 @@ SCAN_NARROWINGS = 3
 SCAN_POINTS = 700  # of a record, beyond which it is averaged for the scan
 RELAXATION_ROUNDS = 5
 STEP_IN_NOISE = 10.0  # a smaller change is no step to time
-TINY = 1e-30  # sum of squares of what fits exactly
-FEWEST_TO_TIME = 8  # readings: a start, a level, and relaxations that are told from noise
+EXACT_MISFIT = 1e-30  # sum of squares of what fits exactly
+FEWEST_READINGS = 8  # of a run: its own start and airs, a rate, and as many again to tell them from noise
 
 
 def estimate_start(time_s: Array, value: Array) -> float | None:
@@ -138,7 +138,7 @@ def estimate_start(time_s: Array, value: Array) -> float | None:
     It is the first reading's time where the record begins in the transient: where no later start fits better than by
     chance (Schwarz 1978, 10.1214/aos/1176344136).
     """
-    if time_s.size < FEWEST_TO_TIME:
+    if time_s.size < FEWEST_READINGS:
         return None
     noise = curved_noise(time_s, value)
     tail = max(value.size // 20, min(5, value.size // 4))
@@ -159,7 +159,11 @@ def estimate_start(time_s: Array, value: Array) -> float | None:
     if best <= time_s[1]:  # a level that one reading gives is no plateau
         return first
     at_once, later = _misfits(time_s, value, np.ones(time_s.size), np.array([first, best]))
-    return best if time_s.size * np.log(max(at_once, TINY) / max(later, TINY)) > np.log(time_s.size) else first
+    return (
+        best
+        if time_s.size * np.log(max(at_once, EXACT_MISFIT) / max(later, EXACT_MISFIT)) > np.log(time_s.size)
+        else first
+    )
 
 
 def _thinned(time: Array, value: Array, middle: float, reach: float) -> tuple[Array, Array, Array]:

@@ -8,21 +8,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import digamma, polygamma
 
-from shockrig.analysis.characterize.characterize import with_scatter
+from shockrig.analysis.characterize.characterize import with_run_scatter
 from shockrig.analysis.characterize.result import Characterization, Part
-from shockrig.analysis.estimate.problem import RATE_SCATTER, RATE_SCATTER_LIMIT, prior_cost, restricted
+from shockrig.analysis.estimate.problem import (
+    RATE_SCATTER_LIMIT,
+    posterior_scatter,
+    prior_cost,
+    restricted,
+    scatters_tried,
+)
 from shockrig.files.fleet import RunScatter
 
 Array = NDArray[np.float64]
 
-TRIALS = np.geomspace(0.1 * RATE_SCATTER, RATE_SCATTER_LIMIT, 80)
+TRIALS = scatters_tried()
 APART = np.linspace(0.02, 0.5, 25)  # of ln sigma from bench to bench, that are tried; at the last one nothing is shared
 MOST_DEGREES = 0.5 / APART[0] ** 2
 
@@ -83,9 +89,6 @@ def with_scatter_of_type(result: Characterization, known: RunScatter | None) -> 
     parts = _ventilated(result)
     if known is None or not parts:
         return result
-    cost = restricted(TRIALS, [part.fit.own_rates() for part in parts])
-    cost = cost + _cost(TRIALS, known.standard_deviation, known.degrees)
-    weight = np.exp(-0.5 * (cost - cost.min()))
-    scatter = math.sqrt(float(weight @ TRIALS**2 / weight.sum()))
-    fitted = {name: with_scatter(one, scatter) if one.explained else one for name, one in result.channels().items()}
-    return replace(result, temperature=fitted.get("temperature"), humidity=fitted.get("humidity"))
+    rates = [part.fit.own_rates() for part in parts]
+    of_type = partial(_cost, s=known.standard_deviation, degrees=known.degrees)
+    return with_run_scatter(result, posterior_scatter(rates, prior=of_type))
