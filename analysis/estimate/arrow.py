@@ -161,7 +161,7 @@ class Arrow:
         normal = np.swapaxes(self.jacobian, 1, 2) @ left  # (R, P, P + C)
         size = np.einsum("rnc,rnc->rc", columns, left[..., p:])
         among = np.ones((1, runs)) if groups is None else groups
-        coupled = (among @ normal[..., p:].reshape(runs, -1)).reshape(among.shape[0], p, -1)
+        coupled = np.tensordot(among, normal[..., p:], axes=1)  # (K, P, C)
         taken = self._inverse(normal[..., :p].sum(axis=0)) @ coupled
         of_theta = right[:, :p].sum(axis=0) + (0.0 if pull is None else pull)
         scores = among @ right[:, p:] - of_theta @ taken

@@ -1,5 +1,7 @@
 """The arrow matrix against the dense formulae that it stands for, on random blocks."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
@@ -91,6 +93,16 @@ def test_scores_are_those_of_the_marginal_model_with_theta_projected_out(case):
     for group, score, size in zip(groups, scores, sizes, strict=True):
         own, variance = arrow.scores(group[:, None, None] * columns, residual, deviations, pull)
         assert score == pytest.approx(own, rel=1e-6) and size == pytest.approx(np.diag(variance), rel=1e-6)
+
+
+def test_scores_beside_a_model_whose_parameters_are_all_at_their_bounds(case):
+    """Nothing of theta is free then: what is left is what the runs' random effects leave."""
+    arrow, residual, deviations, rng = case
+    held = replace(arrow, jacobian=arrow.jacobian[..., :0], prior_weight=np.zeros(0))
+    columns = rng.standard_normal((R, N, C))
+    alone, variances = held.score_variances(columns, residual, deviations)
+    right, normal = held.scores(columns, residual, deviations)
+    assert alone == pytest.approx(right, rel=1e-9) and variances == pytest.approx(np.diag(normal), rel=1e-9)
 
 
 def test_what_is_off_in_every_run_alike_and_what_random_effects_cannot_hide(case):
