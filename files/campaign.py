@@ -6,11 +6,11 @@ Unknown keys and columns are ignored; every error names the file, the line or ke
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from shockrig.files.campaign_data import CampaignData, Run, RunAir
 from shockrig.files.campaign_names import (
     BODIES,
     CAMPAIGN_FORMAT,
@@ -24,7 +24,8 @@ from shockrig.files.campaign_names import (
     sensor_and_probe,
     sensor_name,
 )
-from shockrig.files.common_uncertainty import CommonUncertainty, read_common
+from shockrig.files.campaign_views import campaign_card, campaign_dataset, plot_campaign
+from shockrig.files.common_uncertainty import read_common
 from shockrig.files.disk import is_there, shown
 from shockrig.files.errors import InputError
 from shockrig.files.file_table import FileTable
@@ -37,7 +38,6 @@ from shockrig.files.traces import Trace, read_air, read_sensor
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    import pandas as pd
     import xarray as xr
     from matplotlib.figure import Figure
 
@@ -65,14 +65,6 @@ DEFAULT_PRESSURE_HPA = 1013.25
 REMEDY = "fix or restore the file"
 
 
-@dataclass(frozen=True)
-class RunAir:
-    """One air of a run; None where it is not known."""
-
-    temperature_c: float | None
-    humidity_percent: float | None
-
-
 _REFERENCE_RANGES = {
     "temperature_time_constant_s": RANGES["reference_time_constant_s"],
     "temperature_standard_uncertainty_k": RANGES["reference_uncertainty_k"],
@@ -81,36 +73,8 @@ _REFERENCE_RANGES = {
 }
 
 
-@dataclass(frozen=True)
-class Run:
-    """One fast transfer of the probes from `source` to `destination`, or what they saw in an air that was measured.
-
-    `air` is the air beside the probes where it was measured (air.csv): then it is the input, not a step. `set_aside`
-    maps a channel to the sentence of the check that keeps its readings from being fitted. `started_at` is the time of
-    day at time_s = 0 as the file has it (ISO 8601). `misspelt` are keys that mean nothing, with the ones that they are
-    nearly. Where `pressure_known` is false nobody stated the pressure, and `pressure_hpa` is the standard one.
-    """
-
-    id: str
-    source: RunAir
-    destination: RunAir
-    airflow_m_s: float | None
-    pressure_hpa: float
-    start_s: float | None
-    duration_s: float | None
-    imet: Trace | None
-    hyt: Trace | None
-    extra: dict[str, Any] = field(default_factory=dict)
-    air: Trace | None = None
-    reference: ReferenceResponse = ReferenceResponse()
-    set_aside: Mapping[str, str] = field(default_factory=dict)
-    started_at: str | None = None
-    misspelt: tuple[str, ...] = ()
-    pressure_known: bool = True
-
-
 @dataclass(frozen=True, repr=False)
-class Campaign:
+class Campaign(CampaignData):
     """A campaign: several runs on one pair of sensors, that of the probe which was read.
 
     `sensors` and the runs hold that pair as "imet" and "hyt"; `name` names the probe where it is not the first.
@@ -120,53 +84,12 @@ class Campaign:
     keys that mean nothing, with the ones that they are nearly.
     """
 
-    name: str
-    path: Path
-    sensors: dict[str, Any]
-    bead_radius_m: float
-    film_thickness_m: float
-    runs: tuple[Run, ...]
-    bodies: dict[str, str] = field(default_factory=lambda: dict(DEFAULT_BODIES))
-    emulated: bool = False
-    probe: str = FIRST_PROBE
-    common: CommonUncertainty | None = None
-    sessions: tuple[Mapping[str, Any], ...] = ()
-    misspelt: tuple[str, ...] = ()
-
-    def to_frame(self) -> pd.DataFrame:
-        """One row a run: the two airs, airflow, pressure, transfer, whether the air was measured, samples."""
-        import pandas as pd
-
-        return pd.DataFrame(
-            [
-                {
-                    "id": run.id,
-                    "source_temperature_c": run.source.temperature_c,
-                    "source_humidity_percent": run.source.humidity_percent,
-                    "destination_temperature_c": run.destination.temperature_c,
-                    "destination_humidity_percent": run.destination.humidity_percent,
-                    "airflow_m_s": run.airflow_m_s,
-                    "pressure_hpa": run.pressure_hpa if run.pressure_known else None,
-                    "start_s": run.start_s,
-                    "duration_s": run.duration_s,
-                    "air_measured": run.air is not None,
-                    "imet_samples": 0 if run.imet is None else run.imet.time_s.size,
-                    "hyt_samples": 0 if run.hyt is None else run.hyt.time_s.size,
-                }
-                for run in self.runs
-            ]
-        ).set_index("id")
-
     def to_xarray(self) -> xr.Dataset:
         """All readings as labelled arrays, for each sensor (run, sample), filled up with NaN; needs xarray."""
-        from shockrig.files.views import campaign_dataset
-
         return campaign_dataset(self)
 
     def plot(self, runs: Sequence[str] | None = None) -> Figure:
         """Readings against the time since the transfer; `runs` are the ids to show, all where left out."""
-        from shockrig.files.campaign_figure import plot_campaign
-
         return plot_campaign(self, runs)
 
     def __repr__(self) -> str:
@@ -175,8 +98,6 @@ class Campaign:
         return f"<Campaign {self.name!r}: {counted(len(self.runs), 'run')}, {', '.join(said) or 'no readings'}>"
 
     def _repr_html_(self) -> str:
-        from shockrig.files.views import campaign_card
-
         return campaign_card(self)
 
 

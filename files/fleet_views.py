@@ -12,7 +12,7 @@ import numpy as np
 from shockrig.files.causes import Uncertain
 from shockrig.files.exports import replace_whole
 from shockrig.files.figures import BLUE, GREY, LIGHT, RED, literal, notebook_figure, styled
-from shockrig.files.fleet import Coordinate, Fleet, FleetChannel, FleetFigure, FleetSensor, Population
+from shockrig.files.fleet_data import Coordinate, FleetChannel, FleetData, FleetFigure, FleetSensor, Population
 from shockrig.files.numbers import counted, plain
 from shockrig.files.views import card, require_xarray
 
@@ -33,7 +33,7 @@ def typical_text(population: Population, k: int) -> str:
     return f"{population.text(one, mean)}, sensors differ by {differ}"
 
 
-def fleet_facts(fleet: Fleet) -> list[tuple[str, str]]:
+def fleet_facts(fleet: FleetData) -> list[tuple[str, str]]:
     """What there is to say first: how many sensors, the type's numbers, who does not belong."""
     facts = [("sensors", str(len(fleet.sensors)))]
     facts += [
@@ -49,12 +49,12 @@ def fleet_facts(fleet: Fleet) -> list[tuple[str, str]]:
     return facts
 
 
-def fleet_card(fleet: Fleet) -> str:
+def fleet_card(fleet: FleetData) -> str:
     """The facts and the table, as HTML."""
     return card("Fleet", fleet_facts(fleet), fleet_frame(fleet))
 
 
-def fleet_frame(fleet: Fleet) -> pd.DataFrame:
+def fleet_frame(fleet: FleetData) -> pd.DataFrame:
     """One row for each number of each sensor; a sensor or campaign that failed has one row that says why."""
     import pandas as pd
 
@@ -103,7 +103,7 @@ def _time(name: str, time: Uncertain | None) -> dict[str, float]:
     return {f"{name}_s": value, f"{name}_standard_uncertainty_s": spread}
 
 
-def fleet_dataset(fleet: Fleet) -> xr.Dataset:
+def fleet_dataset(fleet: FleetData) -> xr.Dataset:
     """The population over its coordinates, and the table's columns over its rows."""
     one = fleet.population
     names = [c.label for c in one.coordinates]
@@ -127,7 +127,7 @@ def _column(values: pd.Series) -> np.ndarray:
 
 
 @styled
-def plot_fleet(fleet: Fleet) -> Figure:
+def plot_fleet(fleet: FleetData) -> Figure:
     """Each sensor against the population's mean, in its order, a panel for each coordinate: as its own data have it,
     shrunk, and who does not belong."""
     population = fleet.population
@@ -185,7 +185,7 @@ def nearest_figure(figures: tuple[FleetFigure, ...], one: Coordinate) -> FleetFi
     return min(alike, key=lambda f: abs((f.coordinate.temperature_c or 0.0) - at), default=None)
 
 
-def write_fleet_tables(fleet: Fleet, folder: Path, history: str) -> list[str]:
+def write_fleet_tables(fleet: FleetData, folder: Path, history: str) -> list[str]:
     """FOLDER/sensors.csv, fleet.nc, and sensors.parquet where pyarrow is installed; returns the files' names."""
     frame = fleet_frame(fleet)
     replace_whole(folder / "sensors.csv", lambda part: frame.to_csv(part, float_format="%.7g"))
@@ -197,7 +197,7 @@ def write_fleet_tables(fleet: Fleet, folder: Path, history: str) -> list[str]:
     return names
 
 
-def _netcdf(fleet: Fleet, frame: pd.DataFrame, path: Path, history: str) -> None:
+def _netcdf(fleet: FleetData, frame: pd.DataFrame, path: Path, history: str) -> None:
     import netCDF4
 
     one = fleet.population

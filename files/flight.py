@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 from itertools import islice
 from operator import methodcaller
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,8 @@ from shockrig.files.disk import open_text, shown
 from shockrig.files.errors import InputError
 from shockrig.files.flight_intermet import clock_of
 from shockrig.files.flight_known import KnownLog, day_of, known_log
+from shockrig.files.readings_figure import Against, plot_readings
+from shockrig.files.views import card, require_xarray
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -121,16 +123,12 @@ class Flight:
 
     def to_xarray(self) -> xr.Dataset:
         """The same as labelled arrays over time [s], with units."""
-        from shockrig.files.views import require_xarray
-
         arrays = {name: ("time", getattr(self, name), {"units": UNIT_OF[name]}) for name in self._known()}
         return require_xarray().Dataset(arrays, {"time": ("time", self.time_s, {"units": "s"})})
 
-    def plot(self, against: Literal["time", "altitude"] = "time") -> Figure:
+    def plot(self, against: Against = "time") -> Figure:
         """The readings against "time" or "altitude"."""
-        from shockrig.files.flight_figure import plot_readings
-
-        return plot_readings(self, against)
+        return plot_readings(self.time_s, self.temperature_c, self.humidity_percent, self.altitude_m, against)
 
     def _known(self) -> list[str]:
         """Quantities of which the log has any value."""
@@ -143,8 +141,6 @@ class Flight:
         return f"<Flight: {'; '.join(f'{name} {value}' for name, value in self._facts())}>"
 
     def _repr_html_(self) -> str:
-        from shockrig.files.views import card
-
         return card("Flight", self._facts(), self.to_frame(), rows=5)
 
 

@@ -5,8 +5,7 @@ against time or against altitude. matplotlib is imported to draw.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,19 +13,15 @@ from numpy.typing import NDArray
 from shockrig.files.errors import InputError
 from shockrig.files.figures import BLUE, GREY, ORANGE, notebook_figure, styled
 from shockrig.files.flight import Corrected, Flight
+from shockrig.files.readings_figure import Against, has_altitude, thinned, time_axis, ways
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
-Against = Literal["time", "altitude"]
 COVERAGE = 1.96  # standard uncertainties of a 95 % band
-SINCE_1970_S = 5e8  # a clock that says more counts from 1970
-IN_MINUTES_S = 900.0  # a flight that lasts longer is drawn over minutes
-LEAST_CLIMB_M = 10.0  # of an altitude that says more than its own noise
 SHOWN_SHARE = 0.97  # of the rows whose band is within the panel
-ENOUGH_ROWS = 4000  # that a figure can show; more only make it heavy
 
 
 class Shown:
@@ -86,26 +81,6 @@ def changes_of(flight: Flight, corrected: Corrected) -> list[ChannelChange]:
     return changes
 
 
-def time_axis(time_s: Array) -> tuple[Array, str]:
-    """Time as a flight's figures have it, and the axis's label: since the log's first row, in s or min."""
-    known = time_s[np.isfinite(time_s)]
-    first_s = float(known[0]) if known.size else 0.0
-    lasts_s = float(np.ptp(known)) if known.size else 0.0
-    scale, unit = (60.0, "min") if lasts_s > IN_MINUTES_S else (1.0, "s")
-    if first_s > SINCE_1970_S:
-        began = datetime.fromtimestamp(first_s, UTC)
-        return (time_s - first_s) / scale, f"time since {began:%Y-%m-%d %H:%M:%S} UTC, {unit}"
-    return time_s / scale, f"time, {unit}"
-
-
-def has_altitude(flight: Flight) -> bool:
-    """Whether a log has an altitude that changes."""
-    altitude = flight.altitude_m
-    if altitude is None or not np.isfinite(altitude).any():
-        return False
-    return float(np.nanmax(altitude) - np.nanmin(altitude)) > LEAST_CLIMB_M
-
-
 @styled
 def plot_flight(flight: Flight, corrected: Corrected, against: Against = "time") -> Figure:
     """Reading and corrected value with its 95 % band, for each channel.
@@ -121,7 +96,7 @@ def plot_flight(flight: Flight, corrected: Corrected, against: Against = "time")
     if not shown:
         raise InputError("the flight has no readings to draw; give a log with temperature or humidity")
     if against == "altitude":
-        if not has_altitude(flight):
+        if not has_altitude(flight.altitude_m):
             raise InputError("against='altitude': the log has no altitude that changes; leave it out for time")
         return _profiles(flight, shown)
     along, label = time_axis(flight.time_s)
@@ -137,39 +112,6 @@ def plot_flight(flight: Flight, corrected: Corrected, against: Against = "time")
         band(below, along[few], one.sigma[few], one.unit)
     rows[0].legend(loc="best")
     rows[-1].set_xlabel(label)
-    return figure
-
-
-@styled
-def plot_readings(flight: Flight, against: Against = "time") -> Figure:
-    """A log's readings as they came, a panel for each channel that has any; errors as of `plot_flight`."""
-    if against not in ("time", "altitude"):
-        raise InputError(f"against={against!r}: expected 'time' or 'altitude'")
-    both = (("temperature, °C", flight.temperature_c), ("relative humidity, %", flight.humidity_percent))
-    shown = [(label, values) for label, values in both if np.isfinite(values).any()]
-    if not shown:
-        raise InputError("the flight has no readings to draw; give a log with temperature or humidity")
-    few = thinned(flight.time_s.size)
-    if against == "time":
-        along, words = time_axis(flight.time_s)
-        figure = notebook_figure(9.2, 1.0 + 2.2 * len(shown))
-        rows = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
-        for axes, (label, values) in zip(rows, shown, strict=True):
-            axes.plot(along[few], values[few], color=ORANGE, lw=0.9)
-            axes.set_ylabel(label)
-        rows[-1].set_xlabel(words)
-        return figure
-    altitude = flight.altitude_m
-    if altitude is None or not has_altitude(flight):
-        raise InputError("against='altitude': the log has no altitude that changes; leave it out for time")
-    figure = notebook_figure(4.6 * max(len(shown), 1.4), 5.2)
-    for axes, (label, values) in zip(figure.subplots(1, len(shown), sharey=True, squeeze=False)[0], shown, strict=True):
-        for way, style, words in zip(ways(altitude), ("-", "--"), ("ascent", "descent"), strict=True):
-            if way.sum() > 1:
-                axes.plot(values[way], altitude[way], color=ORANGE, lw=0.9, ls=style, label=words)
-        axes.set_xlabel(label)
-    figure.axes[0].set_ylabel("altitude, m")
-    figure.axes[0].legend(loc="best")
     return figure
 
 
@@ -214,16 +156,3 @@ def draw_profile(axes: Axes, time_s: Array, altitude_m: Array, one: Shown) -> No
         axes.fill_betweenx(altitude_m[rows], value - reach, value + reach, color=BLUE, alpha=0.25, lw=0)
         axes.plot(value, altitude_m[rows], color=BLUE, label=f"corrected, {words}", **look)
     axes.set_xlabel(one.label)
-
-
-def ways(altitude_m: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Rows of the ascent, up to the highest altitude, and of the descent after it."""
-    known = np.isfinite(altitude_m)
-    top = int(np.nanargmax(altitude_m)) if known.any() else 0
-    before = np.arange(altitude_m.size) <= top
-    return before & known, ~before & known
-
-
-def thinned(rows: int) -> slice:
-    """Rows that a figure needs."""
-    return slice(None, None, max(1, rows // ENOUGH_ROWS))

@@ -6,7 +6,7 @@ tau = R^2 / alpha = L^2 / D of one first-order lag: the lengths of a lumped sens
 from __future__ import annotations
 
 from shockrig.files.numbers import measured
-from shockrig.files.profile_data import DiffusivityRow, Profile, ResponseTime
+from shockrig.files.profile_data import DiffusivityRow, ProfileData, ResponseTime
 
 LUMPED = "lumped"
 SAME_TIME = 1e-2  # relative, within which a time to 63 % is tau again
@@ -31,7 +31,7 @@ def tau_text(length_m: float, rate_m2_s: float, standard_uncertainty: float) -> 
     return measured(*first_order(length_m, rate_m2_s, standard_uncertainty), "s")
 
 
-def headlines(profile: Profile) -> list[tuple[str, str]]:
+def headlines(profile: ProfileData) -> list[tuple[str, str]]:
     """Name and value of what is known of each sensor, the most telling first."""
     said: list[tuple[str, str]] = []
     bodies = profile.bodies

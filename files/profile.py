@@ -7,26 +7,34 @@ Unknown values are left out.
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from shockrig.files.campaign_names import DEFAULT_BODIES, read_body
 from shockrig.files.causes import StatedEffect, Uncertain, effect_document, read_effect, uncertain_document
 from shockrig.files.discovered import plain, read_discovered
 from shockrig.files.errors import InputError
 from shockrig.files.file_table import FileTable
+from shockrig.files.headline import headlines
 from shockrig.files.json_files import as_object, known, read_json, write_json
 from shockrig.files.profile_data import (
     BEAD_RADIUS_M,
     FILM_THICKNESS_M,
     DiffusivityRow,
     HumidityProfile,
-    Profile,
+    ProfileData,
     ResponseTime,
     TemperatureProfile,
 )
+from shockrig.files.profile_views import plot_profile, profile_card, profile_dataset, profile_frame
 from shockrig.files.ranges import RANGES, Range
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+    from matplotlib.figure import Figure
 
 __all__ = [
     "FORMAT",
@@ -50,6 +58,29 @@ ASSUMED_RELATIVE_UNCERTAINTY = 0.05  # of a diffusivity whose file gives no stan
 LARGEST_RELATIVE_UNCERTAINTY = 1e6  # beyond it nothing was measured, and arithmetic would not survive it
 OF_BOTH = ("response_time_s", "sampling_period_s", "effects", "discovered")  # keys of either sensor
 REMEDY = "give the profile.json that shockrig characterize wrote"
+
+
+@dataclass(frozen=True, repr=False)
+class Profile(ProfileData):
+    """A pair of sensors; either part may be missing."""
+
+    def to_frame(self) -> pd.DataFrame:
+        """One row for the bead (alpha) and one for each ambient of the film (D), with uncertainty, response times."""
+        return profile_frame(self)
+
+    def to_xarray(self) -> xr.Dataset:
+        """D(T), response times and alpha as labelled arrays with units; needs xarray."""
+        return profile_dataset(self)
+
+    def plot(self) -> Figure:
+        """D over temperature with its uncertainty and as it is interpolated; response times."""
+        return plot_profile(self)
+
+    def __repr__(self) -> str:
+        return f"<Profile: {'; '.join(f'{name} {value}' for name, value in headlines(self))}>"
+
+    def _repr_html_(self) -> str:
+        return profile_card(self)
 
 
 def read_profile(path: str | os.PathLike[str]) -> Profile:

@@ -21,13 +21,12 @@ from shockrig.files.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
-    import xarray as xr
-    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
 BEAD_RADIUS_M = 4e-4
 FILM_THICKNESS_M = 1e-5
+NOISE_K, NOISE_PERCENT = 0.02, 0.06  # standard deviations of single readings, where a profile states none
 AMBIENT_TOLERANCE_K = 1.0  # destinations within 1 K of one another are one ambient, so a row holds that far
 GROWTH_PER_KELVIN = 0.05  # of D's relative uncertainty beyond the table, where the outer row is held
 
@@ -174,9 +173,9 @@ class HumidityProfile:
         )
 
 
-@dataclass(frozen=True, repr=False)
-class Profile:
-    """A pair of sensors; either part may be missing."""
+@dataclass(frozen=True)
+class ProfileData:
+    """What `Profile` (profile.py) holds: both sensors, where they are from and how they were measured."""
 
     temperature: TemperatureProfile | None = None
     humidity: HumidityProfile | None = None
@@ -191,34 +190,6 @@ class Profile:
             name: str(sensor["body"]) if isinstance(sensor, Mapping) and sensor.get("body") else DEFAULT_BODIES[name]
             for name, sensor in stated.items()
         }
-
-    def to_frame(self) -> pd.DataFrame:
-        """One row for the bead (alpha) and one for each ambient of the film (D), with uncertainty, response times."""
-        from shockrig.files.views import profile_frame
-
-        return profile_frame(self)
-
-    def to_xarray(self) -> xr.Dataset:
-        """D(T), response times and alpha as labelled arrays with units; needs xarray."""
-        from shockrig.files.views import profile_dataset
-
-        return profile_dataset(self)
-
-    def plot(self) -> Figure:
-        """D over temperature with its uncertainty and as it is interpolated; response times."""
-        from shockrig.files.campaign_figure import plot_profile
-
-        return plot_profile(self)
-
-    def __repr__(self) -> str:
-        from shockrig.files.headline import headlines
-
-        return f"<Profile: {'; '.join(f'{name} {value}' for name, value in headlines(self))}>"
-
-    def _repr_html_(self) -> str:
-        from shockrig.files.views import profile_card
-
-        return profile_card(self)
 
 
 def _between(x: np.ndarray, y: np.ndarray, left: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.flight.simulated.sensor import REFERENCE_AIRSPEED_M_S, fly
-from shockrig.analysis.flight.simulated.typical import NOISE_K, NOISE_PERCENT
 from shockrig.analysis.flight.simulated.weather import FINE_STEP_S, Weather
 from shockrig.files.disk import TABLE_AT_MOST, open_text, shown
 from shockrig.files.errors import InputError
 from shockrig.files.profile import Profile
+from shockrig.files.profile_data import NOISE_K, NOISE_PERCENT
 from shockrig.files.ranges import RANGES, Range
 from shockrig.protocols.flight_logs import read_flight
 from shockrig.rig.seams import Air

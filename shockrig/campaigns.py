@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from shockrig.files.campaign import Campaign
 from shockrig.files.campaign import read_campaign as _read_campaign
+from shockrig.files.campaign_views import campaign_card
 from shockrig.files.numbers import counted
-from shockrig.files.views import campaign_card
 from shockrig.given import PathLike, Progress
 from shockrig.remedies import as_python
 

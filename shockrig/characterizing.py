@@ -23,7 +23,7 @@ from shockrig.files.flight import Flight
 from shockrig.files.headline import headlines
 from shockrig.files.numbers import counted
 from shockrig.files.profile import Profile, write_profile
-from shockrig.files.views import profile_card
+from shockrig.files.profile_views import profile_card
 from shockrig.given import PathLike, Progress, campaign_given, fleet_given
 from shockrig.protocols.folder import software_version
 from shockrig.remedies import as_python, in_python

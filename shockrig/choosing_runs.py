@@ -14,7 +14,7 @@ from shockrig.files.campaign import Campaign
 from shockrig.files.errors import InputError
 from shockrig.files.fleet import Fleet
 from shockrig.files.numbers import counted
-from shockrig.given import PathLike, Progress, campaign_given, fleet_given
+from shockrig.given import PathLike, Progress, WithDiagnosis, campaign_given, fleet_given
 from shockrig.remedies import as_python
 
 if TYPE_CHECKING:
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
     from shockrig.analysis.diagnose.diagnosed import ChannelOutcome
     from shockrig.analysis.plan.goals import Place
-    from shockrig.diagnosing import Diagnosed
 
 
 @dataclass(frozen=True, repr=False)
@@ -79,7 +78,7 @@ class Planned:
 
 
 def plan(
-    found: Diagnosed | Campaign | PathLike,
+    found: WithDiagnosis | Campaign | PathLike,
     *,
     until: str | None = None,
     runs: int = 6,
@@ -137,7 +136,7 @@ def plan(
 
 
 def _planned(
-    found: Diagnosed | Campaign | PathLike,
+    found: WithDiagnosis | Campaign | PathLike,
     until: str,
     runs: int,
     channels: Channels,

@@ -14,10 +14,11 @@ from shockrig.channels import Channels, of_profile
 from shockrig.files import result_views as views
 from shockrig.files.fleet import Fleet
 from shockrig.files.flight import Corrected, Flight
-from shockrig.files.flight_figure import Against, plot_flight
+from shockrig.files.flight_figure import plot_flight
 from shockrig.files.profile import Profile, read_profile
+from shockrig.files.readings_figure import Against
 from shockrig.flights import with_words
-from shockrig.given import PathLike
+from shockrig.given import PathLike, WithProfile
 from shockrig.protocols.flight_clock import on_clock
 from shockrig.remedies import as_python, in_python
 
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
     from matplotlib.figure import Figure
-
-    from shockrig.characterizing import Characterized
 
 
 @dataclass(frozen=True, repr=False)
@@ -80,7 +79,7 @@ class CorrectedFlight:
 
 def correct(
     flight: pd.DataFrame | Flight | PathLike,
-    profile: Profile | Characterized | Fleet | PathLike,
+    profile: Profile | WithProfile | Fleet | PathLike,
     *,
     method: str = "smoother",
     columns: Mapping[str, str] | None = None,
@@ -99,8 +98,8 @@ def correct(
         A log as `read_flight` reads it: CSV, netCDF, ArduPilot's .bin, any text file by a map, or a DataFrame, whose
         columns are recognised by their names as a file's are.
     profile : Profile, Characterized, Fleet or path
-        Of the sensors that flew; a channel that it lacks is given as it came and flagged `not_corrected`. A fleet
-        stands for one of its sensors that nobody has characterized.
+        Of the sensors that flew, or a result that holds it as `profile`; a channel that it lacks is given as it came
+        and flagged `not_corrected`. A fleet stands for one of its sensors that nobody has characterized.
     method : {"smoother", "inverse", "paper"}
         The optimal smoother, or the published inverse, corrected or as printed.
     columns : mapping, optional

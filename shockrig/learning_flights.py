@@ -16,7 +16,7 @@ from shockrig.files.numbers import counted
 from shockrig.files.profile import Profile, read_profile
 from shockrig.files.views import card
 from shockrig.flights import with_words
-from shockrig.given import PathLike, Progress
+from shockrig.given import PathLike, Progress, WithProfile
 from shockrig.protocols.folder import software_version
 from shockrig.remedies import as_python
 
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     from shockrig.analysis.learn.learn import FlightsLearned
     from shockrig.analysis.learn.pair import PairLearned
-    from shockrig.characterizing import Characterized
     from shockrig.files.learned import LearnedFile
 
     FlightGiven = pd.DataFrame | Flight | PathLike
@@ -107,7 +106,7 @@ class LearnedSensor:
 def learn(
     flights: FlightGiven | Sequence[FlightGiven],
     *,
-    profile: Profile | Characterized | PathLike | None = None,
+    profile: Profile | WithProfile | PathLike | None = None,
     beside: Mapping[str, str] | FlightGiven | Sequence[FlightGiven] | None = None,
     columns: Mapping[str, str] | None = None,
     map: PathLike | None = None,

@@ -30,7 +30,6 @@ from shockrig.analysis.flight.readout import (
     uptake,
 )
 from shockrig.analysis.flight.response import LagResponse, bead_response, film_response, unsure_of_airspeed
-from shockrig.analysis.flight.simulated.typical import NOISE_K, NOISE_PERCENT
 from shockrig.analysis.flight.smooth_channel import MOST_PARTS, PER_LAG, resolved_rate
 from shockrig.analysis.flight.stretches import largest_share
 from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, Stream
@@ -38,6 +37,7 @@ from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA
 from shockrig.analysis.physics.modes import Modes, slowest
 from shockrig.files.errors import InputError
 from shockrig.files.profile import HumidityProfile, Profile, TemperatureProfile
+from shockrig.files.profile_data import NOISE_K, NOISE_PERCENT
 from shockrig.files.ranges import LIKELY, RANGES
 
 Array = NDArray[np.float64]

@@ -47,7 +47,6 @@ from shockrig.analysis.flight.readout import (
 from shockrig.analysis.flight.response import bead_response, unsure_of_airspeed
 from shockrig.analysis.flight.screen import clock as put_in_order
 from shockrig.analysis.flight.screen import code_notes, screen, without_codes
-from shockrig.analysis.flight.simulated.typical import NOISE_K, NOISE_PERCENT
 from shockrig.analysis.flight.smooth_channel import LONGEST_BRIDGE_S, Estimate, estimate, typical_period
 from shockrig.analysis.flight.stretches import largest_share
 from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, REFERENCE_C, Stream
@@ -55,6 +54,7 @@ from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA
 from shockrig.files.errors import InputError
 from shockrig.files.flight import FLAGS, Corrected, Flight
 from shockrig.files.profile import Profile
+from shockrig.files.profile_data import NOISE_K, NOISE_PERCENT
 from shockrig.files.ranges import LIKELY, RANGES
 
 Array = NDArray[np.float64]

@@ -48,7 +48,6 @@ from shockrig.analysis.flight.readout import (
 from shockrig.analysis.flight.readout import unseen as beyond_discovered
 from shockrig.analysis.flight.response import LagResponse, film_response, unsure_of_airspeed
 from shockrig.analysis.flight.screen import Screened, resolution_of, screen
-from shockrig.analysis.flight.simulated.typical import NOISE_PERCENT
 from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
 from shockrig.analysis.flight.smoother import followed
 from shockrig.analysis.flight.stretches import MOST_SHARE, Felt, fastest, largest_share
@@ -58,6 +57,7 @@ from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.flight import Flight
 from shockrig.files.numbers import counted
 from shockrig.files.profile import HumidityProfile
+from shockrig.files.profile_data import NOISE_PERCENT
 from shockrig.files.ranges import LIKELY, RANGES
 
 Array = NDArray[np.float64]

@@ -17,11 +17,11 @@ from shockrig.analysis.report.loop_page import chosen_section
 from shockrig.analysis.report.next_time import seen_sentence
 from shockrig.analysis.report.panels import panels as placed_panels
 from shockrig.analysis.report.panels import run_panels
-from shockrig.files.campaign_figure import draw_diffusivity
 from shockrig.files.figures import save_figure, styled
 from shockrig.files.headline import first_order, is_more, time_text
 from shockrig.files.numbers import counted, measured, plain
 from shockrig.files.profile import HumidityProfile
+from shockrig.files.profile_views import draw_diffusivity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing

@@ -17,10 +17,11 @@ from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.report.html import Block, Cell, Figure, HtmlPage, KeyNumber, Section, Table, Text
 from shockrig.files.figures import BLUE, GREY, ORANGE, styled
 from shockrig.files.flight import FLAGS, Corrected, Flight
-from shockrig.files.flight_figure import changes_of, channels_of, has_altitude, plot_flight
+from shockrig.files.flight_figure import changes_of, channels_of, plot_flight
 from shockrig.files.headline import headlines
 from shockrig.files.numbers import counted, plain
 from shockrig.files.profile import Profile
+from shockrig.files.readings_figure import has_altitude
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -130,7 +131,7 @@ def _drawn_sections(flight: FlightGathered) -> list[Section]:
     """Profiles where the log has an altitude, time series, spectra where there are some."""
     rows, found = flight.whole()
     sections = []
-    if has_altitude(rows):
+    if has_altitude(rows.altitude_m):
         blocks: list[Block] = [
             Figure(
                 plot_flight(rows, found, "altitude"),

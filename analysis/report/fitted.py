@@ -15,11 +15,12 @@ from shockrig.analysis.estimate.quantity import QUANTITIES
 from shockrig.analysis.report.fit_figures import ResidualRun, RunParameter
 from shockrig.analysis.report.panels import RunPanel
 from shockrig.files.campaign import Campaign, Trace
-from shockrig.files.campaign_figure import draw_diffusivity, zero_of
+from shockrig.files.campaign_views import zero_of
 from shockrig.files.figures import CYCLE, INK, LIGHT, literal, notebook_figure, styled
 from shockrig.files.headline import first_order, headlines
 from shockrig.files.numbers import measured, plain
 from shockrig.files.profile import Profile
+from shockrig.files.profile_views import draw_diffusivity
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

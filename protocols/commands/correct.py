@@ -296,10 +296,11 @@ def write_figure(path: Path, drawn: FlightGathered) -> None:
     from shockrig.files.disk import write_whole
     from shockrig.files.errors import InputError
     from shockrig.files.figures import figure_bytes
-    from shockrig.files.flight_figure import has_altitude, plot_flight
+    from shockrig.files.flight_figure import plot_flight
+    from shockrig.files.readings_figure import has_altitude
 
     flight, found = drawn.whole()
-    content = figure_bytes(plot_flight(flight, found, "altitude" if has_altitude(flight) else "time"))
+    content = figure_bytes(plot_flight(flight, found, "altitude" if has_altitude(flight.altitude_m) else "time"))
     try:
         write_whole(path, content)
     except OSError as error:

@@ -17,7 +17,7 @@ import pytest
 
 import shockrig
 import shockrig.files
-from shockrig.files import result_views, views
+from shockrig.files import profile_views, result_views
 from shockrig.files.campaign import RunAir
 from shockrig.files.flight import FLAGS, Corrected, Flight
 from shockrig.files.flight_figure import plot_flight
@@ -220,7 +220,7 @@ def test_a_corrected_flight_as_a_table_is_what_its_file_holds(flight):
 def test_xarray_missing_is_said_with_the_remedy(monkeypatch):
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(ImportError, match=r"pip install 'shockrig\[notebook\]'"):
-        views.profile_dataset(PROFILE)
+        profile_views.profile_dataset(PROFILE)
 
 
 def test_a_flight_is_corrected_alike_from_a_frame_and_from_its_file(tmp_path):

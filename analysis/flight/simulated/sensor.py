@@ -16,11 +16,11 @@ from scipy import linalg
 from scipy.linalg import lapack
 
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.flight.simulated.typical import NOISE_K, NOISE_PERCENT
 from shockrig.analysis.flight.simulated.weather import FINE_STEP_S, Weather
 from shockrig.analysis.physics.humidity import humidity_from_ppmv, ppmv_from_humidity
 from shockrig.files.errors import InputError
 from shockrig.files.profile import HumidityProfile, Profile, StatedEffect, TemperatureProfile
+from shockrig.files.profile_data import NOISE_K, NOISE_PERCENT
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -17,12 +17,10 @@ from shockrig.files.profile import (
     TemperatureProfile,
     Uncertain,
 )
-from shockrig.files.profile_data import BEAD_RADIUS_M, FILM_THICKNESS_M
+from shockrig.files.profile_data import BEAD_RADIUS_M, FILM_THICKNESS_M, NOISE_K, NOISE_PERCENT
 
 AMBIENTS_C = (-10.0, 0.0, 10.0, 20.0, 30.0, 40.0)
 ACTIVATION_K = 3000.0
-NOISE_K = 0.02  # standard deviations of single readings
-NOISE_PERCENT = 0.06
 RELATIVE_UNCERTAINTY = 0.01  # of D, and so of the times of a plain film
 BEAD_RELATIVE_UNCERTAINTY = 0.005
 

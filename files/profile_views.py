@@ -1,6 +1,6 @@
-"""The figure of a campaign and of a profile: only panels that something is drawn in, and axes that say what they are.
+"""How a profile shows itself: a table, labelled arrays, a card of HTML, a figure of D over temperature.
 
-matplotlib is imported to draw.
+pandas, xarray and matplotlib are imported when they are asked for.
 """
 
 from __future__ import annotations
@@ -10,89 +10,76 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from shockrig.files.errors import InputError
-from shockrig.files.figures import BLUE, GREY, INK, literal, notebook_figure, styled
+from shockrig.files.figures import BLUE, GREY, INK, notebook_figure, styled
 from shockrig.files.headline import LUMPED, headlines, time_text
-from shockrig.files.profile_data import response_columns
+from shockrig.files.numbers import plain
+from shockrig.files.profile_data import HumidityProfile, ProfileData, response_columns
+from shockrig.files.views import card, require_xarray
 
 if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from shockrig.files.campaign import Campaign, Run
-    from shockrig.files.profile_data import HumidityProfile, Profile
-    from shockrig.files.traces import Trace
 
-SHOWN = (("imet", "temperature_c", "thermometer, °C"), ("hyt", "humidity_percent", "hygrometer, %RH"))
-PANEL_IN = (4.6, 3.6)
-MOST_LABELS = 8  # of ambients beside a figure; more are told apart by nobody
-SINCE = {
-    "transfer": "time since the transfer, s",
-    "step": "time since the step was seen, s",
-    "first": "time since the first reading, s",
-}
+def profile_frame(profile: ProfileData) -> pd.DataFrame:
+    """One row for the bead (alpha) and one for each ambient of the film (D), with uncertainty and response times."""
+    import pandas as pd
 
-
-@styled
-def plot_campaign(campaign: Campaign, runs: Sequence[str] | None = None) -> Figure:
-    """Readings against time, a colour for each ambient, a panel for each sensor that recorded; `runs` are ids."""
-    wanted = [run for run in campaign.runs if runs is None or run.id in runs]
-    if not wanted:
-        raise InputError(f"{campaign.name}: none of the runs {', '.join(runs or ())}; to_frame() lists them")
-    panels = [one for one in SHOWN if any(getattr(run, one[0]) is not None for run in wanted)]
-    if not panels:
-        raise InputError(f"{campaign.name}: these runs have no readings; to_frame() says how many each has")
-    ambients = [
-        None if run.destination.temperature_c is None else round(run.destination.temperature_c) for run in wanted
-    ]
-    known = sorted({ambient for ambient in ambients if ambient is not None})
-    colours = dict(zip(known, _colours(len(known)), strict=True))
-    figure = notebook_figure(PANEL_IN[0] * max(len(panels), 1.3), PANEL_IN[1])
-    drawn = figure.subplots(1, len(panels), squeeze=False)[0]
-    for axes, (sensor, column, label) in zip(drawn, panels, strict=True):
-        zeros: dict[str, None] = {}
-        for run, ambient in zip(wanted, ambients, strict=True):
-            trace: Trace | None = getattr(run, sensor)
-            if trace is None:
-                continue
-            zero_s, since = zero_of(run, trace)
-            zeros[since] = None
-            colour = GREY if ambient is None else colours[ambient]
-            axes.plot(trace.time_s - zero_s, trace.values[column], color=colour, lw=0.8)
-        axes.set_ylabel(label)
-        # Runs of both kinds in one panel: each has its own zero, and the axis says so.
-        axes.set_xlabel(SINCE[next(iter(zeros))] if len(zeros) == 1 else "time, s (zero: see title)")
-        if len(zeros) > 1:
-            words = " or ".join(SINCE[one].removeprefix("time since ").removesuffix(", s") for one in zeros)
-            axes.set_title(f"zero: {words}")
-    for ambient in known[:MOST_LABELS]:
-        drawn[-1].plot([], [], color=colours[ambient], label=f"to {ambient:g} °C")
-    if known:
-        figure.legend(loc="outside right upper")
-    if not drawn[0].get_title("left"):
-        drawn[0].set_title(literal(campaign.name))
-    return figure
+    parts = []
+    if (t := profile.temperature) is not None:
+        row = {
+            "ambient_temperature_c": np.nan,
+            "diffusivity_m2_s": t.thermal_diffusivity_m2_s.value,
+            "standard_uncertainty": t.thermal_diffusivity_m2_s.standard_uncertainty,
+            **response_columns(t.response_time_s),
+        }
+        parts.append(pd.DataFrame([row], index=["temperature"]))
+    if (h := profile.humidity) is not None:
+        table = h.to_frame().drop(columns="runs")
+        parts.append(table.set_index(pd.Index(["humidity"] * len(table))))
+    return pd.concat(parts).rename_axis("channel")
 
 
-def zero_of(run: Run, trace: Trace) -> tuple[float, str]:
-    """Where the time of a run without a fit is counted from [s on its clock], and what that is (a key of SINCE)."""
-    if run.start_s is not None:
-        return run.start_s, "transfer"
-    seen = run.extra.get("step_seen_s")
-    if isinstance(seen, int | float):
-        return float(seen), "step"
-    return (float(trace.time_s[0]) if trace.time_s.size else 0.0), "first"
+def profile_dataset(profile: ProfileData) -> xr.Dataset:
+    """D(T) and the film's response times over the ambient temperature, and alpha, with units."""
+    xarray = require_xarray()
+    square_metre, second = {"units": "m2 s-1"}, {"units": "s"}
+    variables: dict[str, Any] = {}
+    coordinates: dict[str, Any] = {}
+    if (t := profile.temperature) is not None:
+        alpha = t.thermal_diffusivity_m2_s
+        variables["thermal_diffusivity_m2_s"] = ((), alpha.value, square_metre)
+        variables["thermal_diffusivity_standard_uncertainty"] = ((), alpha.standard_uncertainty, square_metre)
+        for column, value in response_columns(t.response_time_s).items():
+            variables[f"thermometer_{column}"] = ((), value, second)
+    if (h := profile.humidity) is not None:
+        frame, over = h.to_frame(), "ambient_temperature_c"
+        coordinates[over] = (over, frame[over].to_numpy(), {"units": "degC"})
+        for column, name in (("diffusivity_m2_s",) * 2, ("standard_uncertainty", "diffusivity_standard_uncertainty")):
+            variables[name] = (over, frame[column].to_numpy(), square_metre)
+        for column in response_columns(None):
+            variables[column] = (over, frame[column].to_numpy(), second)
+    return xarray.Dataset(variables, coordinates)
 
 
-def _colours(count: int) -> list[Any]:
-    """As many colours from cold to warm."""
-    from matplotlib import colormaps
-
-    return [colormaps["turbo"](0.1 + 0.8 * i / max(count - 1, 1)) for i in range(count)]
+def profile_card(profile: ProfileData, notes: Sequence[str] = ()) -> str:
+    """What a profile knows: headlines, noise, the effects that it carries, the table; `notes` are sentences to add."""
+    facts = headlines(profile)
+    if (t := profile.temperature) is not None:
+        facts += [("noise of the bead", f"{plain(t.noise_k, 2)} K")] if t.noise_k is not None else []
+    if (h := profile.humidity) is not None and h.noise_percent is not None:
+        facts.append(("noise of the film", f"{plain(h.noise_percent, 2)} %RH"))
+    for part, words in ((profile.temperature, "bead"), (profile.humidity, "film")):
+        if part is not None and part.effects:
+            facts.append((f"effects of the {words}", ", ".join(effect.effect for effect in part.effects)))
+    facts += [("note", note) for note in notes]
+    return card("Sensor profile", facts, profile_frame(profile))
 
 
 @styled
-def plot_profile(profile: Profile) -> Figure:
+def plot_profile(profile: ProfileData) -> Figure:
     """Response times with their uncertainty, and D over temperature as it is interpolated where a film has a table."""
     h, t = profile.humidity, profile.temperature
     table = h is not None and len(h.diffusivity_table) > 1
@@ -118,7 +105,7 @@ def plot_profile(profile: Profile) -> Figure:
     return figure
 
 
-def _bead_title(profile: Profile) -> str:
+def _bead_title(profile: ProfileData) -> str:
     """What is known of the thermometer, in a line."""
     if (t := profile.temperature) is None:
         return ""
