@@ -202,7 +202,7 @@ def _is_float(cell: str) -> bool:
 
 
 def _times(rows: Rows, layout: FlightColumns) -> Array:
-    """Seconds, from a number (s, ms or us by the column's name) or a date and time."""
+    """Seconds, from a number (s, ms or us by the column's name, or as a known log has it) or a date and time."""
     place = layout.place["time"]
     values = rows.numbers[place]
     if len(rows) and np.isnan(values).mean() > 0.5:
@@ -227,6 +227,8 @@ def _times(rows: Rows, layout: FlightColumns) -> Array:
             return earliest_s + (seconds - earliest_s) % DAY_S
         except (ValueError, OverflowError) as error:  # a year that cannot be is not always made a missing time
             raise InputError(f"{layout.source}: times cannot be read as dates ({error}); fix that row") from error
+    if layout.known is not None and "time" in layout.known.factor:
+        return layout.known.values("time", values)
     name = squeeze(layout.header[place])
     scale = 1e-6 if name.endswith("us") and name != "status" else 1e-3 if name.endswith(("timems", "stampms")) else 1.0
     return _of_packed(values) if scale == 1.0 else values * scale

@@ -178,7 +178,7 @@ class _Parts:
     def i2c(self, bus: int | str) -> I2cBus:
         """The bus with this number or device file; parts on one bus share it, and with it its lock."""
         if bus == "virtual":
-            return SmbusBus(self.instruments.i2c_path(self.name, self.settings.address), self.clock)
+            return SmbusBus(self.instruments.i2c_path(self.name, self.kind, self.settings.address), self.clock)
         path = f"/dev/i2c-{bus}" if isinstance(bus, int) else bus
         if path not in self.buses:
             self.buses[path] = SmbusBus(path, self.clock, Path(tempfile.gettempdir()))

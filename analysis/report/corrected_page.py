@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 MOST_ROWS = 60_000  # that are kept for the figures; of a longer flight every second, fourth, ... row
 SPECTRUM_ROWS = 20_000  # of which a spectrum is made, one after the other
 LEAST_SPECTRUM_ROWS = 256
-SEGMENT_S = 120.0
+SEGMENT_S, SEGMENT_ROWS = 120.0, 64  # of a spectrum: in a log with few rows to the minute as long as so many take
 
 MEANING = {
     "gap": "the reading is missing: an estimate up to 5 s from the nearest sample, else none",
@@ -246,7 +246,7 @@ def _draw_spectra(shown: list[Any], time_s: Array, period_s: float) -> Drawing:
         order = np.argsort(time_s[known], kind="stable")
         for values, colour, words in ((one.reading, ORANGE, "as read"), (one.value, BLUE, "corrected")):
             even = np.interp(even_s, time_s[known][order], values[known][order])
-            frequency, power = gathered(*power_spectrum(even, period_s, SEGMENT_S))
+            frequency, power = gathered(*power_spectrum(even, period_s, max(SEGMENT_S, SEGMENT_ROWS * period_s)))
             axes.loglog(frequency, power, color=colour, lw=1.0, label=words)
         at = len(frequency) // 3
         axes.loglog(frequency, power[at] * (frequency / frequency[at]) ** (-5 / 3), color=GREY, ls="--", label="−5/3")

@@ -15,6 +15,7 @@ from shockrig.rig.errors import BenchError
 from shockrig.rig.seams import Air, Clock, SetPointsOnly, known
 from shockrig.rig.virtual.chips.grbl import GrblController
 from shockrig.rig.virtual.chips.hyt271 import Hyt271Chip
+from shockrig.rig.virtual.chips.i2c import i2c_chip
 from shockrig.rig.virtual.chips.imet import ImetUnit
 from shockrig.rig.virtual.climate import ModbusServer, Room, RoomPart, ScpiServer
 from shockrig.rig.virtual.faults import Fault, FaultyI2c, FaultySerial
@@ -209,24 +210,23 @@ class VirtualInstruments:
         self._room: Room | None = None
         self.parts: dict[str, object] = {}  # the emulated chip, unit or controller of each part, for tests
 
-    def i2c_path(self, part: str, address: int) -> str:
-        """A device file with a HYT-271 at `address`: the film on trial, or for a reference the air itself."""
+    def i2c_path(self, part: str, kind: str, address: int) -> str:
+        """A device file with a chip at `address`: it feels the film on trial, or for a reference the air itself."""
         if part == "reference":
-            chip = Hyt271Chip(
-                lambda at_s: known(self.world.air(at_s).humidity_percent),
-                lambda at_s: known(self.world.air(at_s).temperature_c),
-                address,
-            )
+            air = self.world.air
+            felt = lambda at_s: known(air(at_s).humidity_percent), lambda at_s: known(air(at_s).temperature_c)
         else:
             world = self._of(part)
-            chip = Hyt271Chip(world.film_humidity_percent, world.die_temperature_c, address)
+            felt = world.film_humidity_percent, world.die_temperature_c
+        chip = i2c_chip(kind, *felt, lambda at_s: self._pressure_hpa, address)
         wire: Wire = I2cWire([chip], self._clock)
         if part != "reference" and self._missing_fraction > 0.0:
             wire = _LooseWire(wire, self._clock, self._missing_fraction, self._seed)
         path = f"/dev/i2c-virtual-{next(_numbers)}"
-        plug_in(
-            path, FaultyI2c(wire, self._faults[part], self._clock, chip, self._seed) if part in self._faults else wire
-        )
+        if part in self._faults:
+            browns_out = chip if isinstance(chip, Hyt271Chip) else None
+            wire = FaultyI2c(wire, self._faults[part], self._clock, browns_out, self._seed)
+        plug_in(path, wire)
         self._paths.append(path)
         self.parts[part] = chip
         return path

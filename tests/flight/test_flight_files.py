@@ -64,6 +64,14 @@ def test_console_page_and_notebook_state_one_uncertainty(folder, capsys):
     assert all(f"standard uncertainty {one}" in result for one in said)
 
 
+def test_a_log_of_a_row_in_minutes_has_its_page(folder):
+    """A spectrum of two minutes would have one row in it, and no frequency."""
+    rows = [f"{100 * i},{20 + 3 * np.sin(i / 9):.2f},{50 + 5 * np.cos(i / 7):.1f}" for i in range(300)]
+    (folder / "flight.csv").write_text("\n".join(["time_s,temperature_c,humidity_percent", *rows]))
+    assert run(folder, page=True) == 0
+    assert "−5/3" in (folder / "out.html").read_text(encoding="utf-8")
+
+
 def test_every_column_and_row_is_kept_as_it_came_and_the_new_ones_follow(folder, flown):
     rows = cells(folder / "flight.csv")
     rows[0] += ["remark", "battery_v"]

@@ -9,6 +9,8 @@ import pytest
 
 import shockrig
 from shockrig.analysis.flight.simulated.typical import typical_profile
+from shockrig.files import flight_known
+from shockrig.files.flight_known import KnownLog
 from shockrig.files.profile import write_profile
 from shockrig.protocols.cli import main
 from shockrig.protocols.flight_logs import read_log
@@ -265,3 +267,14 @@ def test_what_cannot_be_read_is_one_line_and_status_2(tmp_path, capsys, name, co
     assert main([*command, "--out", str(tmp_path / "out.csv")]) == 2
     error = capsys.readouterr().err
     assert re.search(said, error) and name in error and error.count("\n") == 1
+
+
+def test_a_known_log_says_by_what_its_times_are_multiplied_too(monkeypatch, tmp_path):
+    columns = {"time": "Uptime", "temperature": "T", "humidity": "U", "altitude": "Feet"}
+    factor = {"time": 0.001, "altitude": 0.3048}
+    log = KnownLog("a log of somebody", columns, frozenset(("Uptime", "Feet")), factor=factor)
+    monkeypatch.setattr(flight_known, "KNOWN_LOGS", (*flight_known.KNOWN_LOGS, log))
+    (tmp_path / "log.csv").write_text("Uptime,T,U,Feet\n500,20.0,50,100\n1500,20.1,50,200\n")
+    flight = shockrig.read_flight(tmp_path / "log.csv")
+    assert flight.time_s.tolist() == [0.5, 1.5]
+    assert flight.altitude_m == pytest.approx([30.48, 60.96])

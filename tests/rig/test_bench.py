@@ -192,6 +192,15 @@ def test_a_whole_run_on_the_virtual_bench():
         assert np.mean(humidity[-100:]) == pytest.approx(destination.humidity_percent, abs=0.3)
 
 
+def test_a_bus_is_virtual_only_for_kinds_whose_chip_is_emulated(monkeypatch, tmp_path):
+    """Another chip in its place would answer, and its bytes would be read as something else."""
+    monkeypatch.setitem(KINDS["sensors"], "sht99", KINDS["sensors"]["hyt-271"])
+    path = tmp_path / "bench.toml"
+    path.write_text(VIRTUAL.replace('kind = "hyt-271"', 'kind = "sht99"'))
+    with pytest.raises(BenchError, match=r"no sht99 is emulated \(hyt-271, sht31, sht41, bme280 are\)"):
+        open_bench(load_bench(path))
+
+
 def test_the_same_seed_gives_the_same_bytes():
     def record(seed):
         with virtual_bench(seed=seed) as bench:

@@ -10,11 +10,10 @@ from typing import Any
 from shockrig.rig.clock import RealClock
 from shockrig.rig.errors import BenchError
 from shockrig.rig.seams import Air
-from shockrig.rig.virtual.chips.bme280 import Bme280Chip
 from shockrig.rig.virtual.chips.grbl import GrblController
 from shockrig.rig.virtual.chips.hyt271 import Hyt271Chip
+from shockrig.rig.virtual.chips.i2c import I2C_ADDRESSES, i2c_chip
 from shockrig.rig.virtual.chips.imet import ImetUnit
-from shockrig.rig.virtual.chips.sht import Sht3xChip, Sht4xChip
 from shockrig.rig.virtual.climate import ModbusServer, Room, RoomPart, ScpiServer
 from shockrig.rig.virtual.emulate.i2c_socket import I2cSocket, build_preload
 from shockrig.rig.virtual.emulate.witness import Witness
@@ -22,8 +21,7 @@ from shockrig.rig.virtual.faults import I2C_KINDS, LINK_KINDS, SERIAL_KINDS, Fau
 from shockrig.rig.virtual.i2c_dev import Chip, I2cWire, Wire
 from shockrig.rig.virtual.serial_line import Device, PtyDevice
 
-I2C = {"hyt-271": 0x28, "sht31": 0x44, "sht41": 0x44, "bme280": 0x76}  # kind -> address of the first one
-KINDS = ("imet-xf", "imet-xq2", "imet-xq", *I2C, "grbl")
+KINDS = ("imet-xf", "imet-xq2", "imet-xq", *I2C_ADDRESSES, "grbl")
 LINES_HZ = {"imet-xf": 10.0, "imet-xq2": 1.0, "imet-xq": 1.0}
 BESIDE = ("sht31", "sht41", "bme280")  # feel the first probe's air, whatever else does; a second one the second's
 BAUD = {"imet-xf": 57600, "imet-xq2": 57600, "imet-xq": 57600, "grbl": 115200}
@@ -120,7 +118,7 @@ def instruments_of(kinds: Iterable[str], options: Options) -> list[Instrument]:
         if address in taken:
             raise BenchError(f"{taken[address]} and {name} both answer at {address:#04x}; emulate one of them")
         taken[address] = name
-    serial, i2c = any(k in BAUD for k in kinds), any(k in I2C for k in kinds)
+    serial, i2c = any(k in BAUD for k in kinds), any(k in I2C_ADDRESSES for k in kinds)
     for fault in options.faults:
         linked = LINK_KINDS if options.linked else {}
         known = {**(SERIAL_KINDS if serial else {}), **(I2C_KINDS if i2c else {}), **linked}
@@ -135,8 +133,8 @@ def addresses_of(instruments: Iterable[Instrument], options: Options) -> dict[st
     found: dict[str, int] = {}
     counts: dict[str, int] = {}
     for one in instruments:
-        if one.kind in I2C:
-            first = options.address if one.kind == "hyt-271" else I2C[one.kind]
+        if one.kind in I2C_ADDRESSES:
+            first = options.address if one.kind == "hyt-271" else I2C_ADDRESSES[one.kind]
             found[one.name] = first + counts.get(one.kind, 0)
             counts[one.kind] = counts.get(one.kind, 0) + 1
     return found
@@ -193,7 +191,7 @@ class Session:
         self._parts: list[Any] = []
         self.witness = Witness(worlds, unix_s, truth)
         try:
-            films = [one for one in instruments if one.kind in I2C]
+            films = [one for one in instruments if one.kind in I2C_ADDRESSES]
             if films:
                 self._plug_i2c(films)
             for one in instruments:
@@ -226,11 +224,7 @@ class Session:
 
     def _chip(self, one: Instrument, address: int) -> Chip:
         humidity, die = (self.witness.sampler(one.kind, quantity, one.films[0], one.name) for quantity in OF_A_FILM)
-        if one.kind == "hyt-271":
-            return Hyt271Chip(humidity, die, address)
-        if one.kind == "bme280":
-            return Bme280Chip(humidity, die, self.witness.pressure_hpa, address)
-        return (Sht3xChip if one.kind == "sht31" else Sht4xChip)(humidity, die, address)
+        return i2c_chip(one.kind, humidity, die, self.witness.pressure_hpa, address)
 
     def _plug_serial(self, one: Instrument) -> None:
         device: Device = self._carriage() if one.kind == "grbl" else self._unit(one)
