@@ -23,10 +23,12 @@ from shockrig.analysis.estimate.noise import (
     COARSE_IN_NOISE,
     MAX_AVERAGED,
     Noise,
+    airs_open,
     estimate_noise,
     longest_average,
     whiteners,
 )
+from shockrig.analysis.estimate.predictive import bumps, score
 from shockrig.analysis.estimate.problem import Problem, make_problem
 from shockrig.analysis.estimate.readings import coarser_than_the_sensor, known_to, rounding_step
 from shockrig.files.diagnosis_data import Discovered, EffectSize
@@ -89,19 +91,30 @@ def prepare(channel: Channel, averaged: int | None = None) -> Prepared:
 def with_rounding(ready: Prepared, rough: Fit | None) -> Prepared:
     """The same with what a coarse rounding does to errors: which codes a run crosses, and when, is known once something
     like its signal is, that of the fit `rough`.
+
+    Nobody knows it where that fit is nothing like the signal: what it leaves is then less likely under such errors than
+    under independent ones, which `ready` has.
     """
     if rough is None:
         return ready
-    problem, channel = ready.problem, ready.problem.channel
+    problem, channel, before = ready.problem, ready.problem.channel, rough
     for _ in range(2):
         signals = model_at_samples(channel, rough)
         problem = make_problem(channel, whiteners(channel, ready.noise, signals))
         rough = refit(problem, rough.structure, rough)
+    if _deviance(problem, rough) > _deviance(ready.problem, before):
+        return ready
     # The covariance is that of runs at any place between two codes. One that rests at the edge of a code, where noise
     # throws it from one to the other, scatters more, and by how much only the run itself tells.
     excess = np.maximum(run_misfit(problem, rough), 1.0)
     whitener = problem.whitener / np.sqrt(level("not_gaussian") * excess)[:, None, None]
     return replace(ready, problem=replace(problem, whitener=whitener))
+
+
+def _deviance(problem: Problem, found: Fit) -> float:
+    """-2 log likelihood of a fit, up to a constant that all descriptions of the noise share."""
+    sizes = np.einsum("rii->ri", problem.whitener)[problem.channel.count > 0]
+    return found.deviance - 2.0 * float(np.log(sizes).sum())
 
 
 def _averaging(channel: Channel) -> tuple[Effect, float]:
@@ -120,7 +133,8 @@ def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | N
     Nor does the noise tell how long a mean is where few of its readings are shown.
     """
     problem, channel, now = before.problem, before.problem.channel, before.noise.averaged
-    if channel.measured.any() or (now > 1 and channel.readings_per_sample == 1):
+    # Air that nobody recorded may have changed as slowly as any mean would show it.
+    if airs_open(channel) or channel.measured.any() or (now > 1 and channel.readings_per_sample == 1):
         return None
     average, of_one = _averaging(channel)
     lengths, alike = set(), set()
@@ -156,8 +170,8 @@ def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | N
         # Where nothing explains the channel, what looks alike and a mean may both be there, with the rest or alone.
         models += [whole.keeping(ids - {average.id}) for ids in (set(whole.ids), *(own | {e} for e in sorted(alike)))]
     added = {effect.id: effect for effect in whole.effects if effect.id not in own}
-    cost = found.best.fit.deviance + sum(_price(effect, channel) for effect in added.values())
-    best = None
+    cost = -2.0 * found.best.score.total + sum(_price(effect, channel) for effect in added.values())
+    best, bump = None, bumps(problem)
     for kept in models:
         nearest = found.plain.fit if set(kept.ids) == own - {average.id} else found.best.fit
         start = refit(problem, kept, nearest, iterations=4)
@@ -166,12 +180,13 @@ def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | N
         for n in sorted(lengths):
             held = Held(average.id, average.parameters[0].name, n * of_one)
             trial = refit(problem, kept.adding(average, held), start)
-            total = trial.deviance + 2 * (likely[now - 1] - likely[n - 1]) + paid
+            # On unseen runs, as everything: what a wrong model is likelier by on its own is thousands of nats.
+            total = -2.0 * score(problem, trial, bump).total + 2 * (likely[now - 1] - likely[n - 1]) + paid
             if total < cost - level("average_gain"):
                 cost, best = total, n
     return best
 
 
 def _price(effect: Effect, channel: Channel) -> float:
-    """What an effect must lower the deviance by, from its log prior."""
+    """Twice the nats that an effect must gain, from its log prior."""
     return -2.0 * log_prior(effect, channel, 1)

@@ -225,6 +225,53 @@ def objective_at(problem: Problem, model: Model, point: Point) -> float:
     return _penalised(problem, model, point, residual, int(mute.sum()))
 
 
+AIRS = (RunEffect.SOURCE, RunEffect.DESTINATION)
+AIR_STEP = 1.0  # K or %RH, over which readings are as good as linear in an air
+
+
+def with_airs(problem: Problem, model: Model, point: Point) -> tuple[Array, Array]:
+    """B points' random effects (B, R, U) with the airs that nobody recorded where they fit best beside all else, and
+    what each run leaves there (B, R), its own penalty with it.
+
+    Readings are linear in the airs, which hardly any start of a fit is in its slower parameters: eliminated so, they
+    leave it fewer valleys to end in (variable projection; Golub and Pereyra 1973, doi 10.1137/0710036).
+    """
+    channel, deviations = problem.channel, point.deviations
+    sizes = (len(deviations), channel.runs)
+    moved = np.stack([deviations] * (1 + len(AIRS)))
+    for k, air in enumerate(AIRS, start=1):
+        moved[k, ..., air] += AIR_STEP
+    theta = np.tile(np.broadcast_to(point.theta, (sizes[0], point.theta.shape[-1])), (len(moved), 1))
+    chain = model.chain(Point(theta, moved.reshape(-1, *deviations.shape[1:])))
+    f = np.broadcast_to(evaluate(chain, channel.quantity.reading), (len(theta), *channel.time_s.shape))
+    mute = at_jump(chain)
+    columns = np.moveaxis(np.where(mute, channel.value, f), 0, -1)
+    whitened = problem.whiten(channel.value[..., None] - columns)  # (R, n, 3 B)
+    left = whitened.reshape(*whitened.shape[:2], len(moved), sizes[0])
+    residual = left[:, :, 0]
+    response = (residual[:, :, None] - left[:, :, 1:]) / AIR_STEP  # (R, n, 2, B)
+    weight, own = 1.0 / problem.scatter[:, AIRS] ** 2, np.moveaxis(deviations[..., AIRS], 0, -1)  # (R, 2), (R, 2, B)
+    open_to = ~problem.stated[:, AIRS]
+    right = np.einsum("rnab,rnb->rba", response, residual) - np.moveaxis(weight[..., None] * own, 1, 2)
+    normal = np.einsum("rnab,rncb->rbac", response, response) + (weight[:, None, :, None] * np.eye(len(AIRS)))
+    shut = ~open_to[:, None, :] & np.ones((1, sizes[0], 1), dtype=bool)
+    right = np.where(shut, 0.0, right)
+    normal = np.where(shut[..., None] | shut[..., None, :], np.eye(len(AIRS)), normal)
+    step = np.linalg.solve(normal, right[..., None])[..., 0]  # (R, B, 2)
+    residual = residual - np.einsum("rnab,rba->rnb", response, step)
+    deviations = deviations.copy()
+    deviations[..., AIRS] += np.moveaxis(step, 0, 1)
+    penalty = ((deviations / problem.scatter) ** 2).sum(axis=-1)
+    return deviations, (residual**2).sum(axis=1).T + mute.sum(axis=1) + penalty
+
+
+def _settled(problem: Problem, model: Model, point: Point) -> tuple[Point, float]:
+    """One point with its open airs where they fit best, and the penalised sum of squares there."""
+    deviations, left = with_airs(problem, model, Point(point.theta, point.deviations[None]))
+    mean, weight = model.priors()
+    return Point(point.theta, deviations[0]), float(left.sum() + (weight * (point.theta - mean) ** 2).sum())
+
+
 def linearise(problem: Problem, structure: Structure, point: Point) -> tuple[Array, Arrow]:
     """Prediction (R, n) at a point, and the normal equations there: what a design needs of runs not made yet."""
     model = Model(problem.channel, structure)
@@ -288,6 +335,7 @@ def _descend(
     size = problem.channel.count.size
     objective, arrow = at.objective(problem, model), at.arrow(problem, model)
     damping, converged, wary = 1e-3, False, False
+    airs_open = not problem.stated[:, AIRS].all()
     for _ in range(iterations):
         pull = prior_weight * (prior_mean - at.point.theta)
         right, steps = arrow.right_sides(at.residual, at.point.deviations, pull)
@@ -305,8 +353,11 @@ def _descend(
             shift = np.clip(shift, -furthest, furthest)
             point = Point(trial, at.point.deviations + shift)
             # Where a step has just failed the next may too: its sensitivities wait until it holds.
-            new = None if wary or tried else _linearise(problem, model, point, hold_theta)
-            reached = objective_at(problem, model, point) if new is None else new.objective(problem, model)
+            new = None if wary or tried or airs_open else _linearise(problem, model, point, hold_theta)
+            if airs_open:
+                point, reached = _settled(problem, model, point)
+            else:
+                reached = objective_at(problem, model, point) if new is None else new.objective(problem, model)
             if np.isfinite(reached) and reached <= objective + 1e-9:
                 break
             damping = min(damping * 12, 1e6)

@@ -187,6 +187,7 @@ def past_dew_s(conditions: Conditions, times: Sequence[Array], dies: Sequence[Ar
 # estimated from the run itself: one sigma.
 TRIGGER_SCATTER_S = 0.010
 UNKNOWN_START_SCATTER_S = 0.5
+SLOWEST_RECORDS = 4.0  # record lengths: the time constant of a reading that seems to have no end
 UNKNOWN_START_SHARE = 0.5  # of the time to half of the step: a response that sets in late is seen late
 ORDINARY_HALF_WAY_S = (0.25, 8.0)  # of the sensors that the bins and the limits below were laid out for
 SLOWED_TIMES, SLOWED_FROM_S = 3.0, 0.5  # usual durations, and seconds, from which a transfer was slowed on purpose
@@ -534,7 +535,9 @@ def _plateau(trace: Trace, column: str, start: float, after: bool, tempo: float)
     return float(shown.mean()) if shown.size else np.nan
 
 
-def _airs(usable: list[UsableRun], kind: str, of: Quantity, quantity: Quantity, tempo: float) -> tuple[Array, Array]:
+def _airs(
+    usable: list[UsableRun], kind: str, of: Quantity, quantity: Quantity, tempo: float, unknown_start_s: float
+) -> tuple[Array, Array]:
     """What the runs' source or destination airs (`kind`) were in one quantity (R,), and their scatters: measured, else
     stated, else as the sensor itself showed them, else as usual."""
     values, scatters = [], []
@@ -551,7 +554,7 @@ def _airs(usable: list[UsableRun], kind: str, of: Quantity, quantity: Quantity, 
             after, found = kind == "destination", run.hyt if of is HUMIDITY else (run.imet or run.hyt)
             value = _plateau(found, of.column, one.start_s, after, tempo) if found is not None else np.nan
             if of is quantity and np.isfinite(value):
-                unseen = _still_to_go(one, quantity, value) if after else _gone_before(one, quantity)
+                unseen = _still_to_go(one, quantity, value) if after else _gone_before(one, quantity, unknown_start_s)
                 scatter = float(np.hypot(scatter, unseen))
             if not np.isfinite(value):
                 value = of.usual_air
@@ -562,8 +565,12 @@ def _airs(usable: list[UsableRun], kind: str, of: Quantity, quantity: Quantity, 
 
 def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_s: float) -> Conditions:
     runs = [one.run for one in usable]
-    source_c, source_c_scatter = _airs(usable, "source", TEMPERATURE, quantity, tempo)
-    destination_c, destination_c_scatter = _airs(usable, "destination", TEMPERATURE, quantity, tempo)
+    spacing = float(np.median([np.median(np.diff(one.trace.time_s)) for one in usable]))
+    own = np.nan_to_num(UNKNOWN_START_SHARE * half_s)
+    unknown_start = max(UNKNOWN_START_SCATTER_S * min(tempo, 1.0), 2.0 * spacing, own)
+    known_by = (quantity, tempo, unknown_start)
+    source_c, source_c_scatter = _airs(usable, "source", TEMPERATURE, *known_by)
+    destination_c, destination_c_scatter = _airs(usable, "destination", TEMPERATURE, *known_by)
     stated = np.array([one.air is None and one.run.source.temperature_c is not None for one in usable])
     if quantity is TEMPERATURE and stated.any() and not any(run.airflow_m_s is not None for run in runs):
         # On a bench that measures its airflow, effects that change with it are a likelier reason than its reference.
@@ -571,13 +578,10 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_
         scatter = scatter_of_stated(rest[stated], source_c[stated], quantity.air_scatter)
         source_c_scatter = np.where(stated, scatter, source_c_scatter)
         destination_c_scatter = np.where(stated, np.maximum(scatter, destination_c_scatter), destination_c_scatter)
-    source_percent, source_percent_scatter = _airs(usable, "source", HUMIDITY, quantity, tempo)
-    destination_percent, destination_percent_scatter = _airs(usable, "destination", HUMIDITY, quantity, tempo)
+    source_percent, source_percent_scatter = _airs(usable, "source", HUMIDITY, *known_by)
+    destination_percent, destination_percent_scatter = _airs(usable, "destination", HUMIDITY, *known_by)
     driven = np.array([one.air is not None for one in usable])
     start_known = np.array([run.start_s is not None for run in runs]) | driven
-    spacing = float(np.median([np.median(np.diff(one.trace.time_s)) for one in usable]))
-    own = np.nan_to_num(UNKNOWN_START_SHARE * half_s)
-    unknown_start = max(UNKNOWN_START_SCATTER_S * min(tempo, 1.0), 2.0 * spacing, own)
     airs_known = np.array([_airs_known(run, quantity) for run in runs])
     duration = np.array([np.nan if run.duration_s is None else run.duration_s for run in runs])
     ramp_ratio, ramp_own_s = _ramps(duration, driven)
@@ -629,14 +633,20 @@ def _ramps(duration_s: Array, driven: NDArray[np.bool_]) -> tuple[Array, Array]:
 def _still_to_go(one: UsableRun, quantity: Quantity, end: float) -> float:
     """How far a reading that ends at `end` may still have to go.
 
-    It is what is left of an exponential that moved as far in the second half of its record, if its time constant is
-    half of the record or less.
+    An exponential that moved by a in the third and by b in the last quarter of its record has b^2 / (a - b) to go
+    (Aitken 1926). It is taken for no faster than to have a time constant of half of the record, and no slower than of
+    `SLOWEST_RECORDS`.
     """
     time, value = one.trace.time_s, one.trace.values[quantity.column]
-    half = int(np.searchsorted(time, 0.5 * (max(one.start_s, time[0]) + time[-1])))
     few = max(time.size // 40, 1)
-    middle = value[max(half - few, 0) : half + few + 1]
-    return float(abs(end - np.nanmedian(middle)) / np.expm1(1.0))
+    first, last = max(one.start_s, time[0]), time[-1 - few]
+    at = [int(np.searchsorted(time, last - share * (last - first))) for share in (0.5, 0.25, 0.0)]
+    half, late, latest = (float(np.nanmedian(value[max(i - few, 0) : i + few + 1])) for i in at)
+    third, fourth = late - half, latest - late
+    slows = np.sign(third) * (third - fourth)
+    fastest, slowest = (abs(latest - half) / np.expm1(0.5 / records) for records in (0.5, SLOWEST_RECORDS))
+    to_go = fourth**2 / slows if slows > 0.0 and third * fourth > 0.0 else slowest
+    return float(np.clip(to_go, fastest, slowest) + abs(latest - end))
 
 
 def _begun_before(one: UsableRun) -> bool:
@@ -644,9 +654,17 @@ def _begun_before(one: UsableRun) -> bool:
     return one.air is None and one.start_s < one.trace.time_s[0]
 
 
-def _gone_before(one: UsableRun, quantity: Quantity) -> float:
-    """How far a reading may have gone before its record began: as far as it goes in it."""
-    return float(np.ptp(one.trace.values[quantity.column])) if _begun_before(one) else 0.0
+def _gone_before(one: UsableRun, quantity: Quantity, unknown_start_s: float) -> float:
+    """How far a reading may have gone before its record began: as far as it goes in it, where the record begins in the
+    response; else as far as it goes at first in the time by which the response may have begun before the record."""
+    time, value = one.trace.time_s, one.trace.values[quantity.column]
+    if _begun_before(one):
+        return float(np.ptp(value))
+    if one.air is not None or one.run.start_s is not None:
+        return 0.0
+    unseen_s = max(unknown_start_s - (one.start_s - time[0]), 0.0)
+    first, later = np.interp([one.start_s, one.start_s + unseen_s], time, value)
+    return float(abs(later - first))
 
 
 def _hours(runs: Sequence[Run]) -> Array:

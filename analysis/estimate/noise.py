@@ -94,7 +94,7 @@ MAX_AVERAGED = 24
 OWN_SHARE = 0.4  # of a sensor's time to half of a step
 TINY_VARIANCE = 1e-12  # variance of what is nothing
 IMPOSSIBLE = 1e12  # deviance of a covariance that is none
-BENT_IN_AIR = 4  # order of the polynomial that a piece of a driven response is taken for
+BENT = 4  # order of the polynomial that a piece of a response is taken for
 KINKED_DEVIATIONS = (
     9.0  # median deviations above the median by which a piece of measured air departs from such a polynomial
 )
@@ -224,7 +224,7 @@ def _smooth(driving: Array) -> NDArray[np.bool_]:
 
     Behind a kink of the air a sensor bends too, by little enough to pass for noise with a long memory.
     """
-    power = (_unbent(driving, BENT_IN_AIR)[0] ** 2).mean(axis=1)
+    power = (_unbent(driving, BENT)[0] ** 2).mean(axis=1)
     middle = float(np.median(power))
     kinked = power > middle + KINKED_DEVIATIONS * float(np.median(np.abs(power - middle))) + TINY_VARIANCE
     return ~(kinked | np.append(False, kinked[:-1]))
@@ -395,16 +395,17 @@ class _PlateauNoise:
 def _of_plateaus(channel: Channel, rounding: float, coarse: bool) -> _PlateauNoise | None:
     """The channel's plateaus, pooled; None where they are too few."""
     early, late = plateau_pieces(channel)
-    # Before the transfer the reading rests; after it the end of the transient may still bend a little.
-    bent, longest = 2, LONGEST_MEMORY
+    # Before a transfer that was recorded the reading rests, and after it, in an air that was, it settles. What else
+    # bends, the end of a response or the beginning of one that was dated by itself, is no noise of a long memory, and a
+    # memory as long as such bends could not be told from them.
+    driven, dated = bool(channel.measured.any()), bool(channel.conditions.start_known.all())
+    orders = 0 if dated and not driven else BENT, BENT if driven or airs_open(channel) else 2
     if coarse:
         pools = [_pool(early, 0, reject=False)] if early.size else []
     else:
-        # A sensor that a measured air drives is hardly ever at rest: what still bends is no noise of a long memory, and
-        # a memory as long as such bends could not be told from them.
-        if channel.measured.any():
-            bent, longest = BENT_IN_AIR, float(np.exp(-(BENT_IN_AIR + 1) / early.shape[1]))
-        pools = [p for p in (_pool(early, 0), _pool(late, bent)) if p.count]
+        pools = [p for p in (_pool(early, orders[0]), _pool(late, orders[1])) if p.count]
+    rests = (orders[0] < BENT and len(early) >= FEWEST_PIECES) or orders[1] < BENT
+    longest = LONGEST_MEMORY if rests else float(np.exp(-(BENT + 1) / early.shape[1]))
     if sum(p.count for p in pools) < FEWEST_PIECES:
         return None
     found = _PlateauNoise(pools, 1.0, longest, 0.0, rounding if coarse else 0.0, channel.readings_per_sample)
@@ -446,7 +447,7 @@ def estimate_noise(
     if averaged not in found:
         averaged = int(np.argmax(best)) + 1
         # One more parameter has to pay for itself: plain noise unless an average is clearly better.
-        wanders = _open(channel) and _of_wandering(*shown.parts(found[averaged], averaged))
+        wanders = airs_open(channel) and _of_wandering(*shown.parts(found[averaged], averaged))
         if best[averaged - 1] - best[0] < AVERAGE_NATS or wanders:
             averaged = 1
     at = found[averaged]
@@ -471,7 +472,7 @@ def estimate_noise(
     )
 
 
-def _open(channel: Channel) -> bool:
+def airs_open(channel: Channel) -> bool:
     """Whether nobody recorded the airs of any run."""
     return not (channel.conditions.airs_known.all() or channel.measured.any())
 
@@ -494,7 +495,7 @@ def longest_average(channel: Channel) -> int:
     An air that nobody recorded moves by itself, and what a sensor shows of it hangs together over the sensor's own
     time: a mean that is nearly as long cannot be told from that.
     """
-    if not _open(channel):
+    if not airs_open(channel):
         return MAX_AVERAGED
     halves_s = np.array([half_way_s(time, value) for time, value in channel.samples])
     if not np.isfinite(halves_s).any():

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import Bounds, differential_evolution
 
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.fit import Fit, fit, objective_at, run_misfit
+from shockrig.analysis.estimate.fit import AIRS, Fit, fit, objective_at, run_misfit, with_airs
 from shockrig.analysis.estimate.model import LOG_RATE_BOUNDS, PLAIN, Model, Point, Structure
 from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import RunEffect
@@ -50,10 +50,18 @@ def rough_rates(
     trials = np.linspace(max(low, LOG_RATE_BOUNDS[0]), high, RATES_TRIED)
     model = Model(channel, structure)
     theta = np.stack([model.start(np.full(channel.rates, trial), choice) for trial in trials])
-    f = model.predict(Point(theta, channel.at_rest() if deviations is None else deviations))
-    squares = (channel.count * (channel.value - f) ** 2).sum(axis=-1)
+    begun = channel.at_rest() if deviations is None else deviations
+    squares = _left(problem, model, theta, np.stack([begun] * RATES_TRIED))
     by_group = np.stack([squares[:, channel.ambient == g].sum(axis=1) for g in range(channel.rates)], axis=1)
     return np.asarray(trials[np.argmin(by_group, axis=0)])
+
+
+def _left(problem: Problem, model: Model, theta: Array, deviations: Array) -> Array:
+    """What B candidates leave of each run (B, R), airs that nobody recorded where they fit best."""
+    if not problem.stated[:, AIRS].all():
+        return with_airs(problem, model, Point(theta, deviations))[1]
+    channel = problem.channel
+    return np.asarray((channel.count * (channel.value - model.predict(Point(theta, deviations))) ** 2).sum(axis=-1))
 
 
 def open_starts(problem: Problem) -> NDArray[np.bool_]:
@@ -80,8 +88,7 @@ def rough_point(problem: Problem, structure: Structure, choice: Mapping[str, flo
     for _ in range(2):
         tried = np.tile(deviations, (late_s.size, 1, 1))
         tried[:, ~channel.conditions.start_known, RunEffect.START] = late_s[:, None]
-        prediction = model.predict(Point(np.tile(theta, (late_s.size, 1)), tried))
-        squares = (channel.count * (channel.value - prediction) ** 2).sum(axis=-1)
+        squares = _left(problem, model, np.tile(theta, (late_s.size, 1)), tried)
         best = late_s[np.argmin(squares, axis=0)]
         deviations[:, RunEffect.START] = np.where(channel.conditions.start_known, 0.0, best)
         theta[model.rates] = fit(problem, structure, theta, deviations, iterations=10).log_rates
@@ -104,11 +111,9 @@ def scanned_starts(problem: Problem, found: Fit, stuck: float = STUCK_MEAN_SQUAR
     part, late = problem.select(index), found.deviations[index]
     tried = np.tile(late, (START_GRID.size, 1, 1))
     tried[:, :, RunEffect.START] = START_GRID[:, None] * part.scatter[:, RunEffect.START]
-    prediction = found.model.on(part.channel).predict(Point(found.theta, tried))
-    left = np.matmul(part.whitener, (part.channel.value - prediction)[..., None])[..., 0]
-    cost = (left**2).sum(axis=-1) + START_GRID[:, None] ** 2
+    tried, left = with_airs(part, found.model.on(part.channel), Point(found.theta, tried))
     moved = found.deviations.copy()
-    moved[index, RunEffect.START] = tried[np.argmin(cost, axis=0), np.arange(index.size), RunEffect.START]
+    moved[index] = tried[np.argmin(left, axis=0), np.arange(index.size)]
     return np.asarray(moved)
 
 

@@ -1,0 +1,136 @@
+"""Runs of which nobody recorded the start and the airs: their noise, how open they are, and the fit from afar."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from shockrig.analysis.diagnose.prepare import prepare, with_rounding
+from shockrig.analysis.diagnose.refitting import plain_fit
+from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.fit import AIRS, fit, objective_at, with_airs
+from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
+from shockrig.analysis.estimate.noise import estimate_noise, whiteners
+from shockrig.analysis.estimate.problem import Problem, make_problem
+from shockrig.analysis.estimate.quantity import RunEffect
+from shockrig.files.campaign import Campaign, Run, RunAir, Trace
+
+NOISE_K = 0.02
+FAST_S, SLOW_S, SHARE = 80.0, 340.0, 0.5
+UNKNOWN = RunAir(None, None)
+
+
+def channel_of(curves, period_s=1.0, step_k=0.0, noise_k=NOISE_K, seed=1) -> Channel:
+    """Logs of curves of time, (curve, seconds) each, of which nothing else was recorded."""
+    rng, runs = np.random.default_rng(seed), []
+    for k, (curve, lasts_s) in enumerate(curves):
+        time = np.arange(0.0, lasts_s, period_s)
+        value = curve(time) + noise_k * rng.standard_normal(time.size)
+        value = step_k * np.rint(value / step_k) if step_k else value
+        trace = Trace(time, {"temperature_c": value})
+        runs.append(Run(str(k), UNKNOWN, UNKNOWN, None, 1000.0, None, None, trace, None))
+    bodies = {"imet": "lumped", "hyt": "film"}
+    found = build_channel(Campaign("open", None, {}, 4e-4, 1e-5, tuple(runs), bodies=bodies), "temperature")
+    assert found is not None
+    return found
+
+
+def two_exponentials(source, destination, begun_s=0.0):
+    """Of both time constants, seen from `begun_s` after the step on."""
+    return lambda t: (
+        destination
+        + (source - destination)
+        * (SHARE * np.exp(-(t + begun_s) / SLOW_S) + (1.0 - SHARE) * np.exp(-(t + begun_s) / FAST_S))
+    )
+
+
+def problem_of(channel: Channel) -> Problem:
+    return make_problem(channel, whiteners(channel, estimate_noise(channel)))
+
+
+@pytest.mark.parametrize("lasts_s", [250.0, 500.0, 1000.0])
+def test_the_bend_of_a_response_that_has_not_settled_is_no_noise(lasts_s):
+    channel = channel_of([(two_exponentials(40.0, 10.0), lasts_s), (two_exponentials(10.0, 40.0), lasts_s)] * 2)
+    assert estimate_noise(channel).standard_deviation == pytest.approx(NOISE_K, rel=0.15)
+
+
+def test_airs_nobody_recorded_are_where_no_other_leaves_less():
+    problem = problem_of(channel_of([(two_exponentials(40.0, 10.0), 900.0), (two_exponentials(10.0, 40.0), 700.0)]))
+    model = Model(problem.channel, PLAIN)
+    theta = model.start(np.array([np.log(1.0 / 150.0)]))
+    deviations, left = with_airs(problem, model, Point(theta, problem.channel.at_rest()[None]))
+    least = objective_at(problem, model, Point(theta, deviations[0]))
+    assert left.sum() == pytest.approx(least, rel=1e-9)
+    for run in range(2):
+        for air in AIRS:
+            for off in (-0.01, 0.01):
+                moved = deviations[0].copy()
+                moved[run, air] += off
+                assert objective_at(problem, model, Point(theta, moved)) > least
+
+
+def test_airs_that_were_recorded_stay_where_they_are():
+    channel = channel_of([(two_exponentials(40.0, 10.0), 900.0), (two_exponentials(10.0, 40.0), 700.0)])
+    known = replace(channel.conditions, airs_known=np.array([True, False]))
+    problem = problem_of(replace(channel, conditions=known))
+    model = Model(problem.channel, PLAIN)
+    at = problem.channel.at_rest()[None]
+    deviations, _ = with_airs(problem, model, Point(model.start(np.array([-5.0])), at))
+    assert (deviations[0, 0] == at[0, 0]).all() and (deviations[0, 1, list(AIRS)] != 0.0).all()
+
+
+@pytest.mark.parametrize("slow_s", [200.0, 700.0])
+@pytest.mark.parametrize("fraction", [0.3, 0.7])
+@pytest.mark.parametrize("fast_s", [50.0, 150.0])
+def test_a_fit_from_afar_ends_where_one_from_nearby_does(slow_s, fraction, fast_s):
+    """Starts and airs open, and rates that differ: the valley is long, and bent where the airs go along."""
+    curves = [(two_exponentials(40.0, 10.0), 1000.0), (two_exponentials(12.0, 38.0), 1000.0)]
+    problem = problem_of(channel_of([*curves, (two_exponentials(35.0, 5.0, 20.0), 1000.0)])).with_rate_scatter(0.004)
+    structure = Structure((CATALOGUE["parallel_lag"],))
+    model = Model(problem.channel, structure)
+
+    def ended(fast, share, slow):
+        choice = {"parallel_lag.fraction": share, "parallel_lag.time_constant_s": slow}
+        theta = model.start(np.array([-np.log(fast)]), choice)
+        return fit(problem, structure, theta, iterations=60, adapt_scatter=False)
+
+    near, far = ended(FAST_S, SHARE, SLOW_S), ended(fast_s, fraction, slow_s)
+    assert near.choice["parallel_lag.time_constant_s"] == pytest.approx(SLOW_S, rel=0.2)
+    assert far.objective < near.objective + 2.0
+
+
+def test_an_air_is_as_open_as_the_time_at_which_its_run_began():
+    """A record that begins with the response, or a little before, does not show what was before it."""
+    late, early = (
+        channel_of([(lambda t, s=s: two_exponentials(40.0, 10.0)(np.maximum(t - s, 0.0)), 1000.0 + s)] * 2)
+        for s in (400.0, 3.0)
+    )
+    moves = abs(float(np.diff(two_exponentials(40.0, 10.0)(np.array([0.0, early.conditions.start_scatter_s[0]])))[0]))
+    assert early.conditions.source_c_scatter[0] == pytest.approx(moves, rel=0.15)
+    assert late.conditions.source_c_scatter[0] == pytest.approx(late.quantity.unknown_air_scatter)
+
+
+@pytest.mark.parametrize("tau_s", [300.0, 1000.0, 4000.0])
+def test_a_reading_may_have_to_go_as_far_as_it_has(tau_s):
+    channel = channel_of([(lambda t: 20.0 + 60.0 * np.exp(-t / tau_s), 2000.0)] * 2, period_s=20.0)
+    to_go = 60.0 * np.exp(-2000.0 / tau_s)
+    problem = problem_of(channel)
+    assert 0.7 * to_go < problem.scatter[0, RunEffect.DESTINATION] < 3.0 * to_go + 4.0
+
+
+def test_codes_are_known_only_to_whoever_knows_the_signal():
+    """Readings of a coarse step under a model that is nothing like them keep independent errors of that step."""
+
+    def right(t):
+        return 10.0 + 30.0 * np.exp(-t / 100.0)
+
+    step_k = 0.2
+    white_of = {}
+    for name, curve in (("right", right), ("wrong", two_exponentials(40.0, 10.0))):
+        curves = [(curve, 1500.0), (lambda t, c=curve: 50.0 - c(t), 1500.0)]
+        ready = prepare(channel_of(curves, step_k=step_k, noise_k=0.0))
+        assert ready.rounds_coarsely
+        white_of[name] = with_rounding(ready, plain_fit(ready.problem)).problem is ready.problem
+    assert white_of == {"right": False, "wrong": True}
