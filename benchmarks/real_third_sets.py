@@ -48,7 +48,7 @@ RH_LEVELS, T_LEVELS = 10, 3  # as many as the authors list (rh1-ranks.txt, t1-ra
 KELVIN = 273.15
 
 
-def _stretches(label: np.ndarray) -> list[slice]:
+def stretches(label: np.ndarray) -> list[slice]:
     """Rows between two changes of a label."""
     edges = np.flatnonzero(label[1:] != label[:-1]) + 1
     return [slice(a, b) for a, b in pairwise([0, *edges.tolist(), label.size])]
@@ -60,7 +60,7 @@ def pi_cycles(cache: Path, out: Path) -> None:
     stamps = pd.to_datetime(frame["datetime"])
     time_s = (stamps - stamps.iloc[0]).dt.total_seconds().to_numpy()
     label, value = frame["obs_type"].to_numpy(str), frame["temp"].to_numpy()
-    phases = [rows for rows in _stretches(label) if label[rows.start] in ("warmup", "cooldown")]
+    phases = [rows for rows in stretches(label) if label[rows.start] in ("warmup", "cooldown")]
     write_logs(out, T, [log_since(time_s[rows], value[rows]) for rows in phases[1 : 1 + 2 * CYCLES]])
 
 
@@ -101,7 +101,7 @@ def plate(cache: Path, out: Path) -> None:
         table = np.loadtxt(text.replace("data7=[", "").replace("];", "").splitlines())
         time_s, power, _, value = table.T
         # A lone row at the head of step2 still has the power of step1.
-        held = [rows for rows in _stretches(power) if power[rows.start] > 0.0 and rows.stop - rows.start > 1]
+        held = [rows for rows in stretches(power) if power[rows.start] > 0.0 and rows.stop - rows.start > 1]
         logs += [log_since(time_s[rows][::every], value[rows][::every]) for rows in held]
     write_logs(out, T, logs)
 
@@ -131,7 +131,7 @@ def process(cache: Path, out: Path) -> None:
     path = cache / "RonakornST/EE436_Lab_Control/P1/data_thermal_pulse.txt"
     table = np.loadtxt(path, skiprows=5)[:-1]  # the last row is nil in all columns
     time_s, value, _, power = table.T
-    logs = [log_since(time_s[rows][::5], DEGC_PER_V * value[rows][::5]) for rows in _stretches(power)[:-1]]
+    logs = [log_since(time_s[rows][::5], DEGC_PER_V * value[rows][::5]) for rows in stretches(power)[:-1]]
     write_logs(out, T, logs)
 
 
@@ -140,7 +140,7 @@ def incubator(cache: Path, out: Path) -> None:
     folder = cache / "INTO-CPS-Association/example_digital-twin_incubator/software/incubator/datasets"
     frame = pd.read_csv(folder / "20230501_calibration_empty_system/20230501_calibration_empty_system.csv")
     time_s, value = frame["time_t1"].to_numpy(float) / 1e9, frame["t1"].to_numpy()
-    phases = _stretches(frame["heater_on"].to_numpy())[1 : 1 + PHASES]
+    phases = stretches(frame["heater_on"].to_numpy())[1 : 1 + PHASES]
     write_logs(out, T, [log_since(time_s[rows], value[rows]) for rows in phases])
 
 
