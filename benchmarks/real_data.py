@@ -1,7 +1,7 @@
 """Steps that other people measured: runs predicted that took no part, beside what one would fit without this project.
 
     python benchmarks/real_data.py --logs /path/to/real [--keep DIR] [--only TEXT]
-    python benchmarks/real_data.py --cache DIR [--keep DIR] [--only TEXT]
+    python benchmarks/real_data.py --cache DIR [--keep DIR] [--only TEXT] [--with FILE.NAME=VALUE]
 
 Per set: the error on held-out runs of the plain and of the extended model and of each rival (`rivals.py`; the same
 runs, the same folds), the ratio to the best rival and to the one that its training runs would have chosen, the verdict,
@@ -15,6 +15,7 @@ what is named, t63. A set of one run has no held-out error: there the rivals' er
 from __future__ import annotations
 
 import argparse
+import importlib
 import os
 import shutil
 import sys
@@ -145,7 +146,19 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--keep", type=Path, help="folder to keep the campaigns in")
     parser.add_argument("--only", default="", help="sets whose name contains this text")
     parser.add_argument("--limit", type=int, default=300, help="seconds of the processor for one command (300)")
+    parser.add_argument(
+        "--with",
+        action="append",
+        default=[],
+        dest="numbers",
+        metavar="FILE.NAME=VALUE",
+        help="another value of a named number of analysis/estimate, as noise.BENT=2",
+    )
     args = parser.parse_args(argv)
+    for one in args.numbers:
+        (file, name), value = one.split("=")[0].split("."), float(one.split("=")[1])
+        module = importlib.import_module(f"shockrig.analysis.estimate.{file}")
+        setattr(module, name, type(getattr(module, name))(value))
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     worse = behind = 0

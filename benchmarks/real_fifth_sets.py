@@ -26,28 +26,28 @@ CUPS = 5
 INTO_TEA_S = 180.0  # from the begin of the log
 
 
-def _board(cache: Path, name: str, column: str) -> list[tuple[pd.DataFrame, float]]:
-    """A log for each time that the heater's power is held, with how many rows it has."""
+def _board(cache: Path, name: str, column: str) -> list[pd.DataFrame]:
+    """A log for each time that the heater's power is held."""
     frame = pd.read_csv(cache / f"nbauersfeld/tclab/data/tclab.model.{name}.csv")
     time_s, value = (frame["Time(ns)"] / 1e9).to_numpy(float), frame[column].to_numpy(float)
     held = stretches(frame["Q1"].to_numpy(float))[1:]  # before the first change it rests
-    return [(log_since(time_s[rows], value[rows]), rows.stop - rows.start) for rows in held]
+    return [log_since(time_s[rows], value[rows]) for rows in held]
 
 
 def cycles(cache: Path, out: Path) -> None:
     """The thermometer on the heater."""
-    write_logs(out, T, [log for log, _ in _board(cache, "4.7", "T1")[:PHASES]])
+    write_logs(out, T, _board(cache, "4.7", "T1")[:PHASES])
 
 
 def beside(cache: Path, out: Path) -> None:
     """The thermometer on the other heater, in the same cycles."""
-    write_logs(out, T, [log for log, _ in _board(cache, "4.7", "T2")[:PHASES]])
+    write_logs(out, T, _board(cache, "4.7", "T2")[:PHASES])
 
 
 def random_powers(cache: Path, out: Path) -> None:
     """All powers of three logs that were held for long enough."""
     logs = [one for name in ("q.1", "q.2", "q.3") for one in _board(cache, name, "T1")]
-    write_logs(out, T, [log for log, rows in logs if rows >= LEAST_ROWS])
+    write_logs(out, T, [log for log in logs if len(log) >= LEAST_ROWS])
 
 
 def tea(cache: Path, out: Path) -> None:

@@ -171,9 +171,14 @@ class Linearised:
 
 
 def _penalised(problem: Problem, model: Model, point: Point, residual: Array, muted: int) -> float:
+    penalty = ((point.deviations / problem.scatter) ** 2).sum()
+    return float((residual**2).sum() + muted + penalty) + _held_against(model, point.theta)
+
+
+def _held_against(model: Model, theta: Array) -> float:
+    """What is known of theta before any data, as a penalty."""
     mean, weight = model.priors()
-    penalty = ((point.deviations / problem.scatter) ** 2).sum() + (weight * (point.theta - mean) ** 2).sum()
-    return float((residual**2).sum() + muted + penalty)
+    return float((weight * (theta - mean) ** 2).sum())
 
 
 def _linearise(problem: Problem, model: Model, point: Point, hold_theta: bool = False) -> Linearised:
@@ -225,51 +230,46 @@ def objective_at(problem: Problem, model: Model, point: Point) -> float:
     return _penalised(problem, model, point, residual, int(mute.sum()))
 
 
-AIRS = (RunEffect.SOURCE, RunEffect.DESTINATION)
-AIR_STEP = 1.0  # K or %RH, over which readings are as good as linear in an air
+AIRS = [RunEffect.SOURCE, RunEffect.DESTINATION]
 
 
 def with_airs(problem: Problem, model: Model, point: Point) -> tuple[Array, Array]:
     """B points' random effects (B, R, U) with the airs that nobody recorded where they fit best beside all else, and
     what each run leaves there (B, R), its own penalty with it.
 
-    Readings are linear in the airs, which hardly any start of a fit is in its slower parameters: eliminated so, they
-    leave it fewer valleys to end in (variable projection; Golub and Pereyra 1973, doi 10.1137/0710036).
+    Readings are linear in the airs. Eliminated at each step, these leave a fit fewer valleys to end in (variable
+    projection; Golub and Pereyra 1973, doi 10.1137/0710036).
     """
-    channel, deviations = problem.channel, point.deviations
-    sizes = (len(deviations), channel.runs)
-    moved = np.stack([deviations] * (1 + len(AIRS)))
-    for k, air in enumerate(AIRS, start=1):
-        moved[k, ..., air] += AIR_STEP
-    theta = np.tile(np.broadcast_to(point.theta, (sizes[0], point.theta.shape[-1])), (len(moved), 1))
-    chain = model.chain(Point(theta, moved.reshape(-1, *deviations.shape[1:])))
+    channel, base = problem.channel, point.deviations
+    steps, count = np.array(channel.quantity.run_steps)[AIRS], len(base)
+    moved = np.stack([base] * (1 + len(AIRS)))
+    for k, air in enumerate(AIRS):
+        moved[1 + k, ..., air] += steps[k]
+    theta = np.tile(np.broadcast_to(point.theta, (count, point.theta.shape[-1])), (len(moved), 1))
+    chain = model.chain(Point(theta, moved.reshape(-1, *base.shape[1:])))
     f = np.broadcast_to(evaluate(chain, channel.quantity.reading), (len(theta), *channel.time_s.shape))
-    mute = at_jump(chain)
-    columns = np.moveaxis(np.where(mute, channel.value, f), 0, -1)
-    whitened = problem.whiten(channel.value[..., None] - columns)  # (R, n, 3 B)
-    left = whitened.reshape(*whitened.shape[:2], len(moved), sizes[0])
-    residual = left[:, :, 0]
-    response = (residual[:, :, None] - left[:, :, 1:]) / AIR_STEP  # (R, n, 2, B)
-    weight, own = 1.0 / problem.scatter[:, AIRS] ** 2, np.moveaxis(deviations[..., AIRS], 0, -1)  # (R, 2), (R, 2, B)
-    open_to = ~problem.stated[:, AIRS]
-    right = np.einsum("rnab,rnb->rba", response, residual) - np.moveaxis(weight[..., None] * own, 1, 2)
-    normal = np.einsum("rnab,rncb->rbac", response, response) + (weight[:, None, :, None] * np.eye(len(AIRS)))
-    shut = ~open_to[:, None, :] & np.ones((1, sizes[0], 1), dtype=bool)
-    right = np.where(shut, 0.0, right)
-    normal = np.where(shut[..., None] | shut[..., None, :], np.eye(len(AIRS)), normal)
-    step = np.linalg.solve(normal, right[..., None])[..., 0]  # (R, B, 2)
-    residual = residual - np.einsum("rnab,rba->rnb", response, step)
-    deviations = deviations.copy()
-    deviations[..., AIRS] += np.moveaxis(step, 0, 1)
+    mute = np.stack([at_jump(chain, candidate) for candidate in range(count)])
+    left = np.where(mute, 0.0, channel.value - f.reshape(len(moved), *mute.shape)).reshape(f.shape)
+    whitened = problem.whiten(np.moveaxis(left, 0, -1)).reshape(*f.shape[1:], len(moved), count)
+    whitened = np.moveaxis(whitened, -1, 1)  # (R, B, n, 3)
+    residual, response = whitened[..., 0], (whitened[..., :1] - whitened[..., 1:]) / steps
+    turned, weight = np.swapaxes(response, -1, -2), 1.0 / problem.scatter[:, None, AIRS] ** 2
+    right = (turned @ residual[..., None])[..., 0] - weight * np.swapaxes(base[..., AIRS], 0, 1)
+    step = np.linalg.solve(turned @ response + weight[..., None] * np.eye(len(AIRS)), right[..., None])
+    step[channel.conditions.airs_known] = 0.0
+    residual = residual - (response @ step)[..., 0]
+    deviations = base.copy()
+    deviations[..., AIRS] += np.swapaxes(step[..., 0], 0, 1)
     penalty = ((deviations / problem.scatter) ** 2).sum(axis=-1)
-    return deviations, (residual**2).sum(axis=1).T + mute.sum(axis=1) + penalty
+    return deviations, (residual**2).sum(axis=-1).T + mute.sum(axis=-1) + penalty
 
 
 def _settled(problem: Problem, model: Model, point: Point) -> tuple[Point, float]:
     """One point with its open airs where they fit best, and the penalised sum of squares there."""
+    if problem.channel.conditions.airs_known.all():
+        return point, objective_at(problem, model, point)
     deviations, left = with_airs(problem, model, Point(point.theta, point.deviations[None]))
-    mean, weight = model.priors()
-    return Point(point.theta, deviations[0]), float(left.sum() + (weight * (point.theta - mean) ** 2).sum())
+    return Point(point.theta, deviations[0]), float(left.sum()) + _held_against(model, point.theta)
 
 
 def linearise(problem: Problem, structure: Structure, point: Point) -> tuple[Array, Arrow]:
@@ -335,7 +335,7 @@ def _descend(
     size = problem.channel.count.size
     objective, arrow = at.objective(problem, model), at.arrow(problem, model)
     damping, converged, wary = 1e-3, False, False
-    airs_open = not problem.stated[:, AIRS].all()
+    airs_open = not problem.channel.conditions.airs_known.all()
     for _ in range(iterations):
         pull = prior_weight * (prior_mean - at.point.theta)
         right, steps = arrow.right_sides(at.residual, at.point.deviations, pull)
@@ -352,12 +352,13 @@ def _descend(
             shift = arrow.run_steps(steps, trial - at.point.theta) * DEVIATION_FACTOR**tried
             shift = np.clip(shift, -furthest, furthest)
             point = Point(trial, at.point.deviations + shift)
-            # Where a step has just failed the next may too: its sensitivities wait until it holds.
-            new = None if wary or tried or airs_open else _linearise(problem, model, point, hold_theta)
-            if airs_open:
-                point, reached = _settled(problem, model, point)
+            # Where a step has just failed the next may too: its sensitivities wait until it holds. So do those that
+            # airs are still to be found for.
+            if wary or tried or airs_open:
+                new, (point, reached) = None, _settled(problem, model, point)
             else:
-                reached = objective_at(problem, model, point) if new is None else new.objective(problem, model)
+                new = _linearise(problem, model, point, hold_theta)
+                reached = new.objective(problem, model)
             if np.isfinite(reached) and reached <= objective + 1e-9:
                 break
             damping = min(damping * 12, 1e6)

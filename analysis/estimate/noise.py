@@ -399,12 +399,13 @@ def _of_plateaus(channel: Channel, rounding: float, coarse: bool) -> _PlateauNoi
     # bends, the end of a response or the beginning of one that was dated by itself, is no noise of a long memory, and a
     # memory as long as such bends could not be told from them.
     driven, dated = bool(channel.measured.any()), bool(channel.conditions.start_known.all())
-    orders = 0 if dated and not driven else BENT, BENT if driven or airs_open(channel) else 2
+    of_early = 0 if dated and not driven else BENT
+    of_late = BENT if driven or airs_open(channel) else 2
     if coarse:
         pools = [_pool(early, 0, reject=False)] if early.size else []
     else:
-        pools = [p for p in (_pool(early, orders[0]), _pool(late, orders[1])) if p.count]
-    rests = (orders[0] < BENT and len(early) >= FEWEST_PIECES) or orders[1] < BENT
+        pools = [p for p in (_pool(early, of_early), _pool(late, of_late)) if p.count]
+    rests = (of_early < BENT and len(early) >= FEWEST_PIECES) or of_late < BENT
     longest = LONGEST_MEMORY if rests else float(np.exp(-(BENT + 1) / early.shape[1]))
     if sum(p.count for p in pools) < FEWEST_PIECES:
         return None

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import Bounds, differential_evolution
 
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.fit import AIRS, Fit, fit, objective_at, run_misfit, with_airs
+from shockrig.analysis.estimate.fit import Fit, fit, objective_at, run_misfit, with_airs
 from shockrig.analysis.estimate.model import LOG_RATE_BOUNDS, PLAIN, Model, Point, Structure
 from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import RunEffect
@@ -58,9 +58,9 @@ def rough_rates(
 
 def _left(problem: Problem, model: Model, theta: Array, deviations: Array) -> Array:
     """What B candidates leave of each run (B, R), airs that nobody recorded where they fit best."""
-    if not problem.stated[:, AIRS].all():
-        return with_airs(problem, model, Point(theta, deviations))[1]
     channel = problem.channel
+    if not channel.conditions.airs_known.all():
+        return with_airs(problem, model, Point(theta, deviations))[1]
     return np.asarray((channel.count * (channel.value - model.predict(Point(theta, deviations))) ** 2).sum(axis=-1))
 
 

@@ -265,14 +265,15 @@ def discrete_gauss(count: int, nodes: int) -> tuple[Array, Array]:
     return values + 0.5 * (count - 1), vectors[0] ** 2
 
 
-def at_jump(chain: Chain) -> NDArray[np.bool_]:
-    """Bins (R, n) of the first candidate that stand so near a jump of the reading that they say nothing.
+def at_jump(chain: Chain, candidate: int = 0) -> NDArray[np.bool_]:
+    """Bins (R, n) of one candidate that stand so near a jump of the reading that they say nothing.
 
     RH read at the air's temperature jumps with it: 10 K are worth as much as the whole transient.
     """
-    time = chain.time_s[0]
-    stepped = np.abs(chain.destination_c[0] - chain.source_c[0]) > JUMP_K
-    ramp = np.zeros(()) if chain.ramp_s is None else chain.ramp_s[0]
+    time = chain.time_s[candidate]
+    stepped = np.abs(chain.destination_c[candidate] - chain.source_c[candidate]) > JUMP_K
+    # What slows all candidates alike stands there once.
+    ramp = np.zeros(()) if chain.ramp_s is None else chain.ramp_s[min(candidate, len(chain.ramp_s) - 1)]
     reads_as_air = chain.channel.jumps_with_air and not (chain.at_die_temperature or chain.by_activity)
     if not reads_as_air or np.max(ramp) > SHORT_RAMP_S:
         return np.zeros(time.shape, dtype=bool)
