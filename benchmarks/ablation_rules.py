@@ -96,7 +96,6 @@ RULES = (
     level("adequacy", -1.0, "the model-free tests: nothing is ever left by them"),
     level("held_out_excess", INF, "an error of twice the noise on unseen runs is a remainder"),
     level("rate_scatter", INF, "rates that scatter by 2.2 % are an effect"),
-    level("open_rate_scatter", INF, "the same, by 25 %, without a recorded airflow"),
     level("stated_scatter", 1.0, "stated uncertainties may be exceeded by 1.7"),
     Rule("least hum", "a line counts from a quarter of the noise on", {f"{A}LEAST_HUM": 0.0}),
     Rule("bursts", "a reading belongs to a burst from 5.5 sigma on", {f"{A}BURST": INF}),

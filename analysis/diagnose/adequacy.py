@@ -189,11 +189,6 @@ def describe(problem: Problem, found: Fit, noise: Noise, adequacy: Adequacy) -> 
     }
 
 
-def most_scatter(channel: Channel) -> float:
-    """By how much the rates of runs may scatter (ln): as the airflow, where nobody recorded that."""
-    return level("rate_scatter" if channel.conditions.airflow_known.all() else "open_rate_scatter")
-
-
 def _deviations(problem: Problem, found: Fit) -> list[Check]:
     channel = problem.channel
     variance, prior = found.arrow.run_variances(), 1.0 / found.arrow.weight
@@ -201,8 +196,8 @@ def _deviations(problem: Problem, found: Fit) -> list[Check]:
     f = factors(channel)
     design = np.column_stack([f["run order"], np.sign(f["step"]), f["ambient"], f["airflow"], f["amplitude"]])
     design = design - design.mean(axis=0)
-    # Runs that differ a little are no effect; rates that differ by several percent are.
-    wide = found.rate_scatter > most_scatter(channel)
+    # Runs that differ a little are no effect; rates that differ by several percent are, whatever makes them differ.
+    wide = found.rate_scatter > level("rate_scatter")
     checks = [Check("scatter of the runs' rate", found.rate_scatter, 1.0, 0.0 if wide else 1.0)]
     for k, name in enumerate(RUN_EFFECT_NAMES[: prior.shape[1]]):
         spread = np.maximum(prior[:, k] - variance[:, k], 0.0)

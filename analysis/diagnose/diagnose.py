@@ -15,7 +15,7 @@ import numpy as np
 from shockrig.analysis.characterize.shifts import widened
 from shockrig.analysis.checks.check import Checked, checked
 from shockrig.analysis.checks.finding import InputFinding
-from shockrig.analysis.diagnose.adequacy import describe, judge, most_scatter
+from shockrig.analysis.diagnose.adequacy import describe, judge
 from shockrig.analysis.diagnose.candidates import at_bound
 from shockrig.analysis.diagnose.diagnosed import NO_STEP, Cause, ChannelDiagnosis, Diagnosis, Tried
 from shockrig.analysis.diagnose.experiments import propose, unseen
@@ -25,6 +25,7 @@ from shockrig.analysis.diagnose.prepare import Prepared, likelier_average, prepa
 from shockrig.analysis.diagnose.remainder import Tolerance, measure_remainder, predicted_badly
 from shockrig.analysis.diagnose.restless import nothing_else, restless, without_hum
 from shockrig.analysis.diagnose.search import Earlier, Search, first_look, search
+from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.diagnose.verdict import Standing, verdict
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.described import is_described
@@ -78,7 +79,7 @@ def why_refuted(gain: Gain, unit: str) -> str:
 
 def rates_apart(final: Fit) -> tuple[str, ...]:
     """A sentence where the runs' own rates lie far apart and nothing in the model says why."""
-    if final.rate_scatter <= most_scatter(final.model.channel):
+    if final.rate_scatter <= level("rate_scatter"):
         return ()
     return (
         f"The runs differ in how fast they are by some {final.rate_scatter:.0%}, and nothing that was named says why: "

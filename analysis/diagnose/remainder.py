@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from shockrig.analysis.diagnose.adequacy import Adequacy, varies_with, when_largest
 from shockrig.analysis.diagnose.gain import Gain
 from shockrig.analysis.diagnose.thresholds import level
-from shockrig.analysis.estimate.fit import Fit
+from shockrig.analysis.estimate.fit import Fit, left_at_common_rates
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.problem import Problem
 
@@ -93,7 +93,9 @@ def measure_remainder(
     if gain.measured:
         square = gain.after**2 - gain.noise_floor**2
     else:
-        square = float((channel.count * (found.residual**2 - spread**2)).sum() / channel.count.sum())
+        # Another run does not have a rate of its own that was fitted to it.
+        left = left_at_common_rates(channel, found)
+        square = float((channel.count * (left**2 - spread**2)).sum() / channel.count.sum())
     left = np.sqrt(max(square, 0.0))
     return Remainder(
         rms=float(np.hypot(left, adequacy.hidden_rms)),

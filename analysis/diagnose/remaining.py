@@ -16,9 +16,7 @@ from scipy.optimize import nnls
 
 from shockrig.analysis.diagnose.grammar import varied
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.fit import Fit
-from shockrig.analysis.estimate.model import Point
-from shockrig.analysis.estimate.quantity import RunEffect
+from shockrig.analysis.estimate.fit import Fit, left_at_common_rates
 
 Array = NDArray[np.float64]
 
@@ -77,11 +75,8 @@ def remaining(channel: Channel, found: Fit) -> Remaining | None:
     if usable.sum() < 3:
         return None
     edges = _edges(channel)
-    # A run's own rate hides in the fit what is left of it: here all runs have the rate of their ambient.
-    deviations = found.deviations.copy()
-    deviations[:, RunEffect.RATE] = 0.0
-    left = channel.value - found.model.predict(Point(found.theta, deviations))[0]
-    shares, weight = _shares(channel, np.where(channel.count > 0, left, 0.0), step, usable, edges)
+    # A run's own rate hides in the fit what is left of it.
+    shares, weight = _shares(channel, left_at_common_rates(channel, found), step, usable, edges)
     if not (weight.sum(axis=0) > 0).any():
         return None
     middle = np.sqrt(edges[:-1] * edges[1:])

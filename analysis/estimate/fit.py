@@ -448,6 +448,15 @@ def run_misfit(problem: Problem, found: Fit) -> Array:
     return np.asarray(squares.sum(axis=1) / np.maximum((problem.channel.count > 0).sum(axis=1), 1))
 
 
+def left_at_common_rates(channel: Channel, found: Fit) -> Array:
+    """Residuals (R, n) [channel's unit] where each run has the rate of its ambient and none of its own; zero where a
+    bin is empty."""
+    deviations = found.deviations.copy()
+    deviations[:, RunEffect.RATE] = 0.0
+    left = channel.value - found.model.predict(Point(found.theta, deviations))[0]
+    return np.where(channel.count > 0, left, 0.0)
+
+
 def model_at_samples(channel: Channel, found: Fit) -> tuple[Array, ...]:
     """Model readings [channel's unit] at each run's samples, each run's own deviations included."""
     model = found.model.on(as_single_samples(channel)).predict(found.point)[0]

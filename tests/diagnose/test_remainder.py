@@ -1,12 +1,16 @@
 """What is left of a fit above its noise, where that hangs together from bin to bin: nothing, of noise alone."""
 
+import json
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from shockrig.analysis.diagnose import remainder
+from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.remainder import Tolerance, measure_remainder
+from shockrig.analysis.estimate.gather import build_channel
+from shockrig.files.campaign import read_campaign
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.97])
@@ -26,6 +30,7 @@ def test_noise_alone_leaves_nothing_above_itself(monkeypatch, memory):
     channel = SimpleNamespace(count=count, conditions=None, quantity=quantity)
     monkeypatch.setattr(remainder, "when_largest", lambda *_: (0.0, 1.0))
     monkeypatch.setattr(remainder, "varies_with", lambda *_: ())
+    monkeypatch.setattr(remainder, "left_at_common_rates", lambda *_: residual)
     left = measure_remainder(
         SimpleNamespace(channel=channel, whitener=whitener),
         SimpleNamespace(residual=residual),
@@ -35,3 +40,20 @@ def test_noise_alone_leaves_nothing_above_itself(monkeypatch, memory):
         Tolerance(),
     )
     assert left.rms < 0.3 * np.sqrt(of_means[0, 0]) and left.peak < np.sqrt(of_means[0, 0])
+
+
+def test_runs_that_differ_in_their_rate_are_not_adequate_because_nobody_recorded_the_airflow(tmp_path):
+    random, time = np.random.default_rng(8), np.arange(0.0, 120.0)
+    for run, lag_s in enumerate((9.3, 10.7, 10.0, 9.4, 10.8, 9.8), 1):
+        began, (before, after) = 30.0 + random.uniform(), ((20.0, 60.0) if run % 2 else (60.0, 20.0))
+        left = np.exp(-np.maximum(time - began, 0.0) / lag_s)
+        table = np.column_stack([time, after + (before - after) * left + random.normal(0.0, 0.3, time.size)])
+        home = tmp_path / "runs" / f"{run:04d}"
+        home.mkdir(parents=True)
+        np.savetxt(home / "imet.csv", table, "%.3f", ",", header="time_s,temperature_c", comments="")
+        (home / "run.json").write_text(json.dumps({"format": "shock-run/1", "id": home.name}))
+    head = {"format": "shock-campaign/1", "name": "lags", "sensors": {"imet": {"kind": "a probe", "body": "lumped"}}}
+    (tmp_path / "campaign.json").write_text(json.dumps(head))
+    found = diagnose_channel(build_channel(read_campaign(tmp_path), "temperature"))
+    assert found.verdict == "unexplained" and not found.causes
+    assert found.final.rate_scatter == pytest.approx(0.064, abs=0.02) and found.remainder.significant
