@@ -48,7 +48,7 @@ from shockrig.analysis.flight.readout import (
 from shockrig.analysis.flight.readout import unseen as beyond_discovered
 from shockrig.analysis.flight.response import LagResponse, film_response, unsure_of_airspeed
 from shockrig.analysis.flight.screen import Screened, resolution_of, screen
-from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
+from shockrig.analysis.flight.smooth_channel import LONGEST_BRIDGE_S, Estimate, typical_period
 from shockrig.analysis.flight.smoother import followed
 from shockrig.analysis.flight.stretches import MOST_SHARE, Felt, fastest, largest_share
 from shockrig.analysis.flight.sweep import lags_behind
@@ -504,11 +504,12 @@ def _earlier(time_s: Array, values: Array, delay_s: float) -> Array:
 
 
 def _long(mask: NDArray[np.bool_], time_s: Array, longest_s: float) -> NDArray[np.bool_]:
-    """Rows (n,) in stretches of `mask` that last longer."""
-    run = np.cumsum(np.diff(mask, prepend=False)) * mask
-    ends = np.flatnonzero(np.diff(mask.astype(int), prepend=0, append=0))
-    lasting = time_s[ends[1::2] - 1] - time_s[ends[::2]]
-    return np.asarray(mask & np.isin(run, run[ends[::2]][lasting > longest_s]))
+    """Rows (n,) in stretches of `mask` that last longer; a break of the flight is no part of any."""
+    broken = np.diff(time_s, prepend=time_s[0]) > LONGEST_BRIDGE_S
+    run = np.cumsum(np.diff(mask, prepend=False) | broken)
+    starts = np.flatnonzero(np.diff(run, prepend=-1))
+    lasting = time_s[np.append(starts[1:], mask.size) - 1] - time_s[starts]
+    return np.asarray(mask & (lasting[run - run[0]] > longest_s))
 
 
 def _as_read(channel: FlightChannel, raw: Array, rows: NDArray[np.bool_], notes: list[str]) -> FlightChannel:

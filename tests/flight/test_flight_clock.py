@@ -54,6 +54,23 @@ def test_rows_that_are_lost_part_the_log_and_the_film_starts_from_rest():
     assert rms(found.humidity_percent - truth) < 1.02 * rms(humidity - truth)
 
 
+def test_a_code_behind_a_restart_tells_nothing_of_the_rows_before_the_gap():
+    """The temperature is vague in the row before the gap and in the one behind it: for a second, and not for all of
+    the gap."""
+    rng = np.random.default_rng(7)
+    rows = np.arange(240)
+    warm = rows <= 100
+    truth = np.where(warm, 17.0, 46.0)
+    temperature = np.where(warm, 24.6, 8.9) + 0.02 * rng.standard_normal(240)
+    temperature[100] = 85.0
+    humidity = truth + 0.06 * rng.standard_normal(240)
+    time_s = np.where(rows < 100, rows, rows - 100.0)
+    log = pandas.DataFrame({"time_s": time_s, "temperature_c": temperature, "humidity_percent": humidity})
+    found = correct(to_flight(log), PROFILE)
+    assert any("a gap, across which nothing is concluded" in note for note in found.notes)
+    assert rms(found.humidity_percent - truth) < 1.02 * rms(humidity - truth)
+
+
 def test_a_channel_that_runs_on_does_not_outvote_one_that_does_not():
     rng = np.random.default_rng(5)
     time_s = np.arange(1000) * 0.1
