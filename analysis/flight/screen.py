@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter
 from scipy.special import bdtrc
@@ -120,24 +121,49 @@ def _ends(temperature: Array, humidity: Array, degf: bool = False) -> NDArray[np
     # something else may have changed in the row beside
     either = ((BESIDE_ROWS, BESIDE_ROWS), (1, BESIDE_ROWS), (BESIDE_ROWS, 1))
     turns = np.logical_or.reduce([_turns(temperature, humidity, *sides, degf) for sides in either])
+    return _middles(turns)
+
+
+def _middles(turns: Mask) -> NDArray[np.int64]:
+    """The middle row of each stretch: a median turns for some rows."""
     ends = np.flatnonzero(np.diff(np.concatenate([[0], turns.astype(int), [0]])))
-    return np.asarray((ends[::2] + ends[1::2] - 1) // 2)  # a median turns for some rows
+    return np.asarray((ends[::2] + ends[1::2] - 1) // 2)
 
 
 def _from_one_end(temperature: Array, humidity: Array, turn: int) -> Mask:
-    """Rows (n,) of a stretch of which one end is seen: the other is where the columns meet, since nothing tells behind
-    that which is which; of the two sides the one where they meet by a jump (one of them was stuck as the other changed
-    its place), the one with warmer rows than air mostly has, or else the shorter one."""
+    """Rows (n,) of a stretch of which one end is seen: the other is where one column alone goes on from the other's
+    last values (the second changed by something else there), or where the columns meet, since nothing tells behind that
+    which is which; of the two sides the one with such an end, the one where they meet by a jump (one of them was stuck
+    as the other changed its place), the one with warmer rows than air mostly has, or else the shorter one."""
     apart = np.abs(temperature - humidity)
     met = np.flatnonzero(apart < LEAST_COLUMNS_APART)
     rows = np.arange(temperature.size)
     first, last = np.max(met[met < turn], initial=-1), np.min(met[met >= turn], initial=rows.size)
+    half = _half_turns(temperature, humidity)
+    half_before = half[(half > first) & (half <= turn - BESIDE_ROWS)]
+    half_after = half[(half < last) & (half >= turn + BESIDE_ROWS)]
+    if bool(half_before.size) != bool(half_after.size):
+        ends = (half_before[-1], turn) if half_before.size else (turn, half_after[0])
+        return (rows >= ends[0]) & (rows < ends[1])
     before, after = (rows > first) & (rows < turn), (rows >= turn) & (rows < last)
     opens, closes = (_jumps(apart[max(k - BESIDE_ROWS, 0) : k], apart[k : k + BESIDE_ROWS]) for k in (first + 1, last))
     if opens != closes:
         return before if opens else after
     both = before | after
     return after if _exchanged_rather(temperature[both], after[both]) else before
+
+
+def _half_turns(temperature: Array, humidity: Array) -> NDArray[np.int64]:
+    """Rows from which one column goes on from the other's last values, by a jump."""
+    (t, after_t), (h, after_h) = (
+        (np.median(around[:-BESIDE_ROWS], axis=1), np.median(around[BESIDE_ROWS:], axis=1))
+        for around in (sliding_window_view(v, BESIDE_ROWS) for v in (temperature, humidity))
+    )
+    turns = np.zeros(t.shape, dtype=bool)
+    for of, other, behind in ((t, h, after_t), (h, t, after_h)):
+        gone = np.abs(behind - of)
+        turns |= (gone > LEAST_COLUMNS_APART) & (np.abs(behind - other) < MOST_SHARE_OFF * gone)
+    return _middles(turns) + BESIDE_ROWS
 
 
 def _exchanged_rather(temperature: Array, some: Mask) -> bool:
@@ -226,6 +252,7 @@ def code_notes(codes: Mapping[str, Mask | int]) -> list[str]:
 
 MEDIAN_WIDTH = 11  # a burst of up to 5 absurd samples in a row is seen
 LONE_SIGMAS = 10.0  # of what is usual over the flight
+LEAST_FELT = 0.5  # of how far a reading is off those around, that another sensor felt at least, and at most its inverse
 WORST_SHARE = 0.5  # of what the farthest reading around is off: those go together
 SPIKE_STEPS = 3.0  # of the log: rounding at both ends, and one for the air
 AROUND_WIDTH = 31
@@ -426,7 +453,10 @@ def screen(
         spiked = _spikes(reading[rows], new, swing * share, noise, resolution)
         if lagging is not None and spiked.any():
             spiked &= _spikes(lagging[rows], new, swing * share, noise, resolution)
-        implausible[rows] = np.repeat(lone | spiked, np.diff(np.append(new, rows.size)))
+        absurd = lone | spiked
+        if felt is not None and absurd.any():
+            absurd &= ~_felt(reading[rows[new]], felt, rows[new], noise, resolution)
+        implausible[rows] = np.repeat(absurd, np.diff(np.append(new, rows.size)))
     believed &= ~implausible
     by_steps = stairs(reading[np.flatnonzero(believed)], resolution, noise)
     spikes = implausible & (reading >= possible.low) & (reading <= possible.high)
@@ -482,6 +512,20 @@ def _lone(values: Array, again: Mask, noise: float, resolution: float) -> Mask:
         on_the_way[left] = (step[:-1] * step[1:] > 0.0) & (off[left] <= LONE_SIGMAS * np.hypot(noise, resolution))
         suspect &= ~on_the_way
     return lone
+
+
+def _felt(values: Array, felt: Felt, rows: NDArray[np.int64], noise: float, resolution: float) -> Mask:
+    """Which of the values (n,) at some `rows` another sensor felt as much of, beside the median around: those the air
+    made."""
+    known = np.flatnonzero(np.isfinite(felt.reading[rows]))
+    seen = np.zeros(values.size, dtype=bool)
+    if known.size:
+        other = felt.reading[rows[known]]
+        off, beside = (one - _around(one, MEDIAN_WIDTH) for one in (values[known], other))
+        unsure = np.sqrt(noise**2 + resolution**2 + felt.noise**2 + felt.resolution**2)
+        share = np.divide(beside, off, out=np.zeros(off.shape), where=np.abs(off) > LONE_SIGMAS * unsure)
+        seen[known] = (share > LEAST_FELT) & (share < 1.0 / LEAST_FELT)
+    return seen
 
 
 def _spikes(values: Array, new: NDArray[np.int64], swing: float, noise: float, resolution: float) -> Mask:

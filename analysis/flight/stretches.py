@@ -24,6 +24,7 @@ ROW_PHASES = 4  # at which the rows may meet the response to a step
 LONGEST_ROWS = 2000
 WINDOW_ROWS = 15  # rows that a stretch's noise is judged by
 LOUDER = {WINDOW_ROWS: 3.0, 5: 8.0}  # times the usual, in so many rows: a burst
+LEFT_SHARE = 0.1  # of a burst's noise, that its other readings show without the loudest
 FELT_SHARE = 0.25  # of what readings scatter by, that a sensor beside them felt at most: they are noise
 ALIVE_SHARE = 0.3  # of that sensor's own noise, that it shows at least: one that is stuck feels nothing
 LEAST_TURNED = 0.2  # of the noise, that readings turn back by in the mean, where white noise turns back by 0.64
@@ -116,24 +117,16 @@ def judge(
     rows = np.flatnonzero(believed)
     if rows.size < 2 * WINDOW_ROWS:
         return found
-    values = reading[rows]
     least = float(np.hypot(JUMP_IN_NOISE * noise, JUMP_IN_STEPS * resolution))
     if share > MOST_SHARE:
         least = FARTHEST_SWINGS * swing
-    # a sensor that was stuck jumps when it goes on
-    going_on = maximum_filter1d(_stuck(values, resolution, noise, scatter(values)), 3)
-    while True:
-        elsewhere, lone = _elsewhere(rows, values, least, swing, share, going_on)
-        if lagging is not None and (elsewhere.any() or lone.size):
-            also, alone = _elsewhere(rows, lagging[rows], least, swing, share, going_on)
-            elsewhere, lone = elsewhere & also, np.intersect1d(lone, alone)
-        found.from_elsewhere[rows] = elsewhere
-        rows, values, going_on = rows[~elsewhere], values[~elsewhere], going_on[~elsewhere]
-        if rows.size < 2 * WINDOW_ROWS:
-            return found
-        # without them another stretch may be seen from end to end: the air jumped within it
-        if not elsewhere.any():
-            break
+    stuck = _stuck(reading[rows], resolution, noise, scatter(reading[rows]))
+    rows, lone = _of_this_sensor(rows, reading, lagging, least, swing, share, stuck)
+    found.from_elsewhere[:] = believed
+    found.from_elsewhere[rows] = False
+    if rows.size < 2 * WINDOW_ROWS:
+        return found
+    values = reading[rows]
     third = scatter(values)
     if lagging is not None:
         found.stood[rows] = _stood(values, lagging[rows], lone, resolution)
@@ -145,11 +138,36 @@ def judge(
         felt, usual = None, max(float(np.median(third[~held])) if (~held).any() else 0.0, usual)
     found.louder[rows] = np.where(held, 1.0, _burst(reading, rows, usual, felt) / noise)
     if spikes is not None and spikes.any():
-        # without its loudest readings what is left of a burst is more quiet than it was
+        # without its loudest readings what is left of a burst is more quiet than it was; of a few absurd ones nothing
         every = np.flatnonzero(spikes | (believed & ~found.from_elsewhere & ~found.stuck))
-        found.louder[every] = np.maximum(found.louder[every], _burst(reading, every, usual, felt) / noise)
+        also = _burst(reading, every, usual, felt)
+        rest = np.maximum(*(scatter(values, window) for window in LOUDER))
+        also[np.interp(every, rows, rest) < LEFT_SHARE * also] = 0.0
+        found.louder[every] = np.maximum(found.louder[every], also / noise)
     np.maximum(found.louder, 1.0, out=found.louder)
     return found
+
+
+def _of_this_sensor(
+    rows: NDArray[np.int64],
+    reading: Array,
+    lagging: Array | None,
+    least: float,
+    swing: float,
+    share: float,
+    stuck: Mask,
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Of some rows (m,), at some of which the sensor was `stuck` (m,), those that are not from elsewhere, in what is
+    read and in what lags; and, among these, the first behind jumps that none goes back from."""
+    while True:
+        elsewhere, lone = _elsewhere(rows, reading[rows], least, swing, share, stuck)
+        if lagging is not None and (elsewhere.any() or lone.size):
+            also, alone = _elsewhere(rows, lagging[rows], least, swing, share, stuck)
+            elsewhere, lone = elsewhere & also, np.intersect1d(lone, alone)
+        rows, stuck = rows[~elsewhere], stuck[~elsewhere]
+        # without them another stretch may be seen from end to end: the air jumped within it
+        if not elsewhere.any() or rows.size < 2 * WINDOW_ROWS:
+            return rows, lone
 
 
 def _burst(reading: Array, rows: NDArray[np.int64], usual: float, felt: Felt | None) -> Array:
@@ -215,12 +233,12 @@ def _scatter(values: Array, order: int, window: int) -> Array:
 
 
 def _elsewhere(
-    rows: NDArray[np.int64], values: Array, least: float, swing: float, share: float, going_on: Mask
+    rows: NDArray[np.int64], values: Array, least: float, swing: float, share: float, stuck: Mask
 ) -> tuple[Mask, NDArray[np.int64]]:
     """Readings (n,) at some rows, between a jump of more than `least` and one back that no lag lets through, or between
     two of more than `swing` that no air makes; and those before or behind one such jump that the lag does not let
-    through either, whichever are fewer, but where a sensor that was stuck is `going_on` (n,). And the first readings
-    behind jumps that no lag lets through and none goes back from."""
+    through either, whichever are fewer. A sensor that was `stuck` (n,) jumps as it goes on: no stretch begins there.
+    And the first readings behind jumps that no lag lets through and none goes back from."""
     step, apart = np.diff(values), np.diff(rows)
     size = np.abs(step)
     usual = TO_SIGMA * float(np.median(size))
@@ -228,8 +246,9 @@ def _elsewhere(
     sudden = np.flatnonzero((size > max(least, JUMP_IN_NOISE * usual)) & (beside < BESIDE_SHARE * size)) + 1
     # over a gap a sensor gets anywhere; one end of a stretch may lie in one
     refuted = (share > MOST_SHARE) | (_within(share, apart[sudden - 1]) <= MOST_SHARE)
-    away, alone = _between(sudden, values[sudden - 1], values[sudden], refuted, values.size, swing)
-    alone &= refuted & ~going_on[sudden]
+    goes_on = stuck[sudden - 1] & ~stuck[sudden]
+    away, alone = _between(sudden, values[sudden - 1], values[sudden], refuted, values.size, swing, goes_on)
+    alone &= refuted & ~maximum_filter1d(stuck, 3)[sudden]
     # medians on either side: beside noise, and where a jump is met halfway
     calm = median_filter(values, 3, mode="nearest")
     before, after = calm[:-3], calm[3:]  # of the rows from the second
@@ -239,7 +258,8 @@ def _elsewhere(
     far = far[np.diff(far, prepend=-9) > 2]
     # where the largest step of those across is
     first = far + 1 + np.argmax(sliding_window_view(size, 3)[far], axis=1) if far.size else far
-    away |= _between(first, before[far], after[far], np.ones(far.shape, dtype=bool), values.size, np.inf)[0]
+    certain = np.ones(far.shape, dtype=bool)
+    away |= _between(first, before[far], after[far], certain, values.size, np.inf, ~certain)[0]
     # one from which none goes back may have one when those within its stretch are out
     if not away.any():
         for k in sudden[alone & (size[sudden - 1] > swing)].tolist():
@@ -254,10 +274,17 @@ def _within(share: float, rows: NDArray[np.int64] | int) -> Array:
 
 
 def _between(
-    first: NDArray[np.int64], before: Array, after: Array, refuted: Mask, count: int, swing: float
+    first: NDArray[np.int64],
+    before: Array,
+    after: Array,
+    refuted: Mask,
+    count: int,
+    swing: float,
+    goes_on: Mask,
 ) -> tuple[Mask, Mask]:
     """Rows (`count`,) between jumps and those back, by the `first` row after each and the levels on either side, and
-    which of the jumps none goes back from; of two, one at least is `refuted` by the lag.
+    which of the jumps none goes back from; of two, one at least is `refuted` by the lag, and the first is not where a
+    sensor that was stuck `goes_on`.
 
     Of two that are farther than `swing` the air may have moved in between.
     """
@@ -272,6 +299,7 @@ def _between(
             k, n = left[i], left[j]
             least = min(abs(size[i]), abs(size[j]))
             back = size[i] * size[j] < 0 and first[n] - first[k] < count // 2 and (refuted[k] or refuted[n])
+            back = back and not goes_on[k]
             if back and (least > swing if moved else abs(after[n] - before[k]) < APART_SHARE * least):
                 away[first[k] : first[n]] = True
                 alone[[k, n]] = False

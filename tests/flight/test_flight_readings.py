@@ -14,7 +14,7 @@ from shockrig.analysis.flight.simulated.scenes import to_flight
 from shockrig.analysis.flight.simulated.sensor import fly
 from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.flight.simulated.weather import convective, frontal
-from shockrig.analysis.flight.stretches import largest_share
+from shockrig.analysis.flight.stretches import Felt, largest_share
 from shockrig.files.profile import StatedEffect, Uncertain
 from shockrig.files.ranges import RANGES
 from shockrig.files.sentinels import CODES, coded
@@ -36,6 +36,16 @@ def put(rows, value):
         return values
 
     return make
+
+
+def crossed(period_s, temperature, humidity, there):
+    """A log of these columns (n,), each in the other's place in some rows."""
+    nothing = np.full(there.size, np.nan)
+    return dataclasses.replace(
+        flight(), time_s=period_s * np.arange(there.size), temperature_c=np.where(there, humidity, temperature),
+        humidity_percent=np.where(there, temperature, humidity), airspeed_m_s=nothing, pressure_hpa=nothing,
+        die_temperature_c=nothing, altitude_m=None,
+    )  # fmt: skip
 
 
 def rms(error):
@@ -169,6 +179,41 @@ def test_an_absurd_reading_on_a_front_does_not_condemn_those_beside_it():
     assert np.flatnonzero(found.implausible).tolist() == [127]
 
 
+def test_a_plume_beside_missing_rows_that_the_film_felt_is_no_absurd_reading():
+    """Two rows of it were left, of which the first stood alone against the median around; one that nothing else felt
+    still does."""
+    rng, row = np.random.default_rng(3), np.arange(240)
+    plume = np.exp(-0.5 * ((row - 99.4) / 1.2) ** 2)
+    reading = np.round(20.0 + 1.5 * plume + 0.02 * rng.standard_normal(240), 2)
+    reading[[98, 150, 151]] = np.nan, 21.4, 21.3
+    reading[149] = np.nan
+    humidity = 45.0 * np.exp(-0.06 * 1.2 * plume) + 0.06 * rng.standard_normal(240)
+    felt = Felt(-np.log(humidity) / 0.06, 0.02, 0.002)
+    found = screen(row.astype(float), reading, RANGES["temperature_c"], 0.02, share=0.98, swing=15.0, felt=felt)
+    assert np.flatnonzero(found.implausible).tolist() == [150, 151]
+
+
+def test_two_absurd_readings_close_together_are_no_burst_of_noise():
+    """Before: 20 rows around them were taken for noise, and the air there for the line between those beside."""
+    rng, row = np.random.default_rng(3), np.arange(240)
+    air = 12.0 + 0.2 * rng.standard_normal(240)
+    reading = air.copy()
+    reading[[69, 73]] = 80.0, -40.0
+    felt = Felt(air + 0.02 * rng.standard_normal(240), 0.02, 0.0)
+    found = screen(row.astype(float), reading, RANGES["temperature_c"], 0.02, share=0.98, swing=15.0, felt=felt)
+    assert np.flatnonzero(found.implausible).tolist() == [69, 73] and np.max(found.louder[60:69]) == 1.0
+
+
+def test_a_stretch_from_elsewhere_does_not_begin_where_a_stuck_sensor_goes_on():
+    """It goes on by a jump up, and 20 s later another quantity stands in its column: the rows between are its own."""
+    rng, row = np.random.default_rng(3), np.arange(480)
+    reading = np.where(row < 230, 19.0, 47.6) + 0.06 * rng.standard_normal(480)
+    reading[180:230] = 19.0
+    reading[382:416] = 12.9 + 0.01 * rng.standard_normal(34)
+    found = screen(0.5 * row, reading, RANGES["humidity_reading_percent"], 0.06, share=0.29, swing=50.0)
+    assert np.flatnonzero(found.implausible).tolist() == list(range(382, 416))
+
+
 @pytest.mark.parametrize("row", [0, -1])
 def test_an_absurd_reading_at_an_end_of_the_log_stands_alone_as_any_other(row):
     reading = np.round(13.0 + 0.05 * np.random.default_rng(2).standard_normal(240), 2)
@@ -254,12 +299,8 @@ def test_columns_that_change_place_in_a_log_partly_in_fahrenheit_are_the_few_one
     temperature = 16.0 + 0.02 * rng.standard_normal(row.size)
     humidity = 24.0 + 0.05 * rng.standard_normal(row.size)
     there = (row >= 1950) & (row < 1990)
-    nothing = np.full(row.size, np.nan)
-    read = np.where(there, humidity, np.where((row >= 300) & (row < 900), 1.8 * temperature + 32.0, temperature))
-    log = dataclasses.replace(
-        flight(), time_s=0.1 * row, temperature_c=read, humidity_percent=np.where(there, temperature, humidity),
-        airspeed_m_s=nothing, pressure_hpa=nothing, die_temperature_c=nothing, altitude_m=None,
-    )  # fmt: skip
+    strange = np.where((row >= 300) & (row < 900), 1.8 * temperature + 32.0, temperature)
+    log = crossed(0.1, strange, humidity, there)
     assert np.array_equal(without_codes(log)[1][EXCHANGED], there)
 
 
@@ -271,12 +312,7 @@ def test_columns_that_change_back_in_a_stretch_in_fahrenheit_are_told_to_its_end
     humidity = 45.0 + 0.06 * rng.standard_normal(row.size)
     strange = np.where((row >= 186) & (row < 240), 1.8 * temperature + 32.0, temperature)
     there = (row >= 106) & (row < 214)
-    nothing = np.full(row.size, np.nan)
-    log = dataclasses.replace(
-        flight(), time_s=0.5 * row, temperature_c=np.where(there, humidity, strange),
-        humidity_percent=np.where(there, strange, humidity),
-        airspeed_m_s=nothing, pressure_hpa=nothing, die_temperature_c=nothing, altitude_m=None,
-    )  # fmt: skip
+    log = crossed(0.5, strange, humidity, there)
     assert np.array_equal(without_codes(log)[1][EXCHANGED], there)
 
 
@@ -391,13 +427,7 @@ def test_columns_that_change_back_where_they_meet_are_told_up_to_there():
         45.0 - 26.0 * np.clip((row - 500) / 300.0, 0.0, 1.0) + 0.05 * np.random.default_rng(5).standard_normal(2000)
     )
     there = (row >= 300) & (row < 900)
-    log = flight()
-    nothing = np.full(row.size, np.nan)
-    log = dataclasses.replace(
-        log, time_s=0.1 * row, temperature_c=np.where(there, humidity, temperature),
-        humidity_percent=np.where(there, temperature, humidity), airspeed_m_s=nothing, pressure_hpa=nothing,
-        die_temperature_c=nothing, altitude_m=None,
-    )  # fmt: skip
+    log = crossed(0.1, temperature, humidity, there)
     found = without_codes(log)[1][EXCHANGED]
     assert found[300:700].all() and not found[:299].any()
     assert not found[900:].any()  # before: all of them
@@ -409,25 +439,32 @@ def test_columns_of_which_one_is_stuck_as_they_change_place_are_told_by_the_othe
     temperature = 22.0 - row / 1200.0 + 0.02 * np.random.default_rng(4).standard_normal(row.size)
     humidity = 24.0 + row / 700.0 + 0.05 * np.random.default_rng(5).standard_normal(row.size)
     there = (row >= 1850) & (row < 2300)
-    nothing = np.full(row.size, np.nan)
-    log = dataclasses.replace(
-        flight(), time_s=0.1 * row, temperature_c=np.where(there, humidity, temperature),
-        humidity_percent=np.where(there, temperature, humidity), airspeed_m_s=nothing, pressure_hpa=nothing,
-        die_temperature_c=nothing, altitude_m=None,
-    )  # fmt: skip
+    log = crossed(0.1, temperature, humidity, there)
     log.temperature_c[1700:1900] = 20.6
     found = without_codes(log)[1][EXCHANGED]
     assert found[1900:2300].all() and not found[:1700].any() and not found[2300:].any()
 
 
+def test_columns_that_change_back_as_one_of_them_becomes_a_code_are_told_up_to_there():
+    """The other goes on from where they were exchanged. Before: the 480 rows ahead of them were the exchanged ones."""
+    row = np.arange(2400)
+    temperature = 13.0 + 0.02 * np.random.default_rng(4).standard_normal(row.size)
+    humidity = 45.0 + 0.05 * np.random.default_rng(5).standard_normal(row.size)
+    there = (row >= 481) & (row < 837)
+    log = crossed(0.1, np.where((row >= 837) & (row < 1024), 33.3, temperature), humidity, there)
+    assert np.array_equal(without_codes(log)[1][EXCHANGED], there)
+
+
 def test_damaged_flights_give_nothing_that_cannot_be():
     """A fixed sample of benchmarks/fuzz_flights.py, which flies a million rows."""
     fuzz = benchmark("fuzz_flights")
-    # the last thirteen: a door in a slow log, bursts in humidity, in temperature, a ceiling, bursts among steps, in
+    # the last eighteen: a door in a slow log, bursts in humidity, in temperature, a ceiling, bursts among steps, in
     # warm air, a code up to a door, a jump in a gap at 2 Hz, a burst at 2 Hz, ceilings in a steady layer, up to a log's
-    # end, a burst with a row that is quiet by chance
+    # end, a burst with a row that is quiet by chance, a restart, absurd readings together, a plume beside missing rows,
+    # columns that change back as one becomes a code, or after a stuck sensor went on
     first = (3, 64, 108, 129, 280, 20182, 101094, 101182, 101402, 101225)
-    for seed in (*first, 151154, 151379, 151040, 153216, 153323, 152458, 152482, 154433, 154205):
+    more = (151154, 151379, 151040, 153216, 153323, 152458, 152482, 154433, 154205)
+    for seed in (*first, *more, 158047, 158059, 159023, 159219, 159266):
         found = fuzz.judged(seed, list(fuzz.DAMAGE))
         for channel in fuzz.CHANNELS:
             assert found[channel]["outside"] == 0 and found[channel]["no_reading"] == 0, found
