@@ -77,6 +77,23 @@ def campaign():
     return shockrig.read_campaign(shockrig.example("plain-rough"))
 
 
+@pytest.fixture(scope="module")
+def diagnoses():
+    return {}
+
+
+@pytest.fixture
+def diagnosed_once(diagnoses, monkeypatch):
+    """`diagnose` for two examples and a test that ask the same of one campaign: whoever is first makes it."""
+    diagnose = shockrig.diagnose
+
+    def remembered(campaign, channels):
+        key = Path(getattr(campaign, "path", campaign)), *([channels] if isinstance(channels, str) else channels)
+        return diagnoses.get(key) or diagnoses.setdefault(key, diagnose(campaign, channels=channels))
+
+    monkeypatch.setattr(shockrig, "diagnose", remembered)
+
+
 @pytest.fixture
 def flight():
     time_s = np.arange(0.0, 20.0, 0.1)
@@ -117,6 +134,7 @@ def test_public_functions_are_documented(name):
     assert "Examples\n--------" in text or "See Also\n--------" in text
 
 
+@pytest.mark.usefixtures("diagnosed_once")
 @pytest.mark.parametrize("module", WITH_EXAMPLES)
 def test_examples_do_what_they_show(module):
     loaded = importlib.import_module(module)
@@ -261,6 +279,7 @@ def test_a_diagnosis_is_carried_by_the_model_that_it_extends(tmp_path):
     assert shockrig.read_profile(tmp_path / "profile.json") == extended.profile
 
 
+@pytest.mark.usefixtures("diagnosed_once")
 def test_nothing_to_explain_extends_nothing(campaign):
     found = shockrig.diagnose(campaign, channels="temperature")
     assert found.verdicts == {"temperature": "adequate"} and found.causes == {"temperature": []}
