@@ -273,21 +273,26 @@ def edges_after_transfer(
     tempo: float,
     half_s: float = np.inf,
     fine: float = FINE_BIN_WIDTHS[1],
+    open_s: float = 0.0,
 ) -> Array:
     """Edges of the bins of runs whose air changes once, from `first_s` (negative) to `last_s`.
 
-    `half_s` is the time to half of the step, infinite or NaN where no run tells it; `fine` as from `fine_width`.
+    `half_s` is the time to half of the step, infinite or NaN where no run tells it; `fine` as from `fine_width`. A
+    start that nobody recorded may lie `open_s` before its estimate: in a wide bin what a model says there does not show.
     """
     half = half_s if np.isfinite(half_s) else np.inf
     # Half a period before zero, so that with one sample a period each narrow bin holds one sample.
     wide, near = BEFORE_S * tempo, NEAR_S * tempo
-    before = -np.arange(near, max(-first_s, near + 0.1 * tempo) + wide, wide)[::-1]
+    narrow = min(max(fine * half, 0.1 * tempo, period_s), wide)
+    uncertain = np.arange(near, open_s, narrow)
+    begin = near + narrow * uncertain.size
+    before = -np.arange(begin, max(-first_s, begin + 0.1 * tempo) + wide, wide)[::-1]
     close = np.arange(-near + period_s, 0.0, max(0.1 * tempo, period_s))
     after = [0.0]
     for until, width in BIN_PLAN:
         while after[-1] < min(until * tempo, last_s) - 1e-9:
             after.append(after[-1] + max(min(width * tempo, fine * (half + after[-1])), period_s))
-    return np.concatenate([before, close, after])
+    return np.concatenate([before, -uncertain[::-1], close, after])
 
 
 def place(samples: Samples, edges: Array, start_scatter_s: Array) -> tuple[Index, ...]:

@@ -445,7 +445,8 @@ def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
         )
     else:
         fine = fine_width(samples, quantity.resolution)
-        edges = edges_after_transfer(first, last, period, tempo, half_s, fine)
+        open_s = 3.0 * float(np.where(conditions.start_known, 0.0, conditions.start_scatter_s).max())
+        edges = edges_after_transfer(first, last, period, tempo, half_s, fine, min(open_s, -first))
     off_s = 0.0 if campaign.common is None else campaign.common.trigger_offset_s
     bin_of = place(samples, edges, np.hypot(conditions.start_scatter_s, off_s))
     time, value, count = bin_means([t for t, _ in samples], [y for _, y in samples], bin_of)
@@ -557,7 +558,8 @@ def _airs(
                 unseen = _still_to_go(one, quantity, value) if after else _gone_before(one, quantity, unknown_start_s)
                 scatter = float(np.hypot(scatter, unseen))
             if not np.isfinite(value):
-                value = of.usual_air
+                # Whoever logs no temperature at all goes from one air to another in one room, at about one temperature.
+                value, scatter = of.usual_air, of.air_scatter
         values.append(value)
         scatters.append(max(scatter, 1e-6))
     return np.array(values), np.array(scatters)

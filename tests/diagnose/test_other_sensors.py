@@ -76,6 +76,34 @@ def test_the_even_table_of_the_warp_is_as_good_as_the_spline_that_it_is_made_of(
     assert readings.time_warp(fourier, ratio) == pytest.approx(np.exp(spline), rel=5e-5)
 
 
+@pytest.mark.parametrize("seed", [0, 1, 3])
+def test_a_slow_share_is_found_in_two_runs_that_say_neither_start_nor_temperature(seed, tmp_path):
+    random, time = np.random.default_rng(seed), np.arange(0.0, 400.0)
+    for run in ("0001", "0002"):
+        since = np.maximum(time - 27.0 - random.uniform(), 0.0)
+        left = 0.93 * np.exp(-since / 17.0) + 0.07 * np.exp(-since / 114.0)
+        table = np.column_stack([time, 89.2 - 22.7 * left + random.normal(0.0, 0.09, time.size)])
+        home = tmp_path / "runs" / run
+        home.mkdir(parents=True)
+        np.savetxt(home / "hyt.csv", table, "%.4f", ",", header="time_s,humidity_percent", comments="")
+        (home / "run.json").write_text(json.dumps({"format": "shock-run/1", "id": run}))
+    head = {"format": "shock-campaign/1", "name": "gas", "sensors": {"hyt": {"kind": "as logged", "body": "lumped"}}}
+    (tmp_path / "campaign.json").write_text(json.dumps(head))
+    found = diagnose_channel(build_channel(read_campaign(tmp_path), "humidity"))
+    assert [cause.effect for cause in found.causes] == ["parallel_lag"] and found.verdict == "explained"
+    values = found.final.values()["parallel_lag"]
+    assert values["fraction"][0] == pytest.approx(0.07, abs=0.012)
+    assert values["time_constant_s"][0] == pytest.approx(114.0, rel=0.15)
+
+
+def test_bins_are_narrow_wherever_an_unrecorded_start_may_lie():
+    uncertain = edges_after_transfer(-30.0, 60.0, 0.1, 1.0, 5.0, 0.08, open_s=12.0)
+    assert np.all(np.diff(uncertain) > 0.0)
+    assert np.diff(uncertain[(uncertain > -12.0) & (uncertain < 0.5)]).max() < 0.081 * 5.0
+    stated = edges_after_transfer(-30.0, 60.0, 0.1, 1.0, 5.0, 0.08)
+    assert np.diff(stated[stated < -0.5]).min() > 1.0
+
+
 def test_two_lags_and_a_slow_share_are_found_from_starts_that_nobody_marked(tmp_path):
     """Seven steps of a gas sensor, once a second, in a log that says nothing else: 9 s twice, 5 % of it 90 s more."""
     random, order = np.random.default_rng(3), np.arange(1, 8)
