@@ -278,7 +278,7 @@ def edges_after_transfer(
     """Edges of the bins of runs whose air changes once, from `first_s` (negative) to `last_s`.
 
     `half_s` is the time to half of the step, infinite or NaN where no run tells it; `fine` as from `fine_width`. A
-    start that nobody recorded may lie `open_s` before its estimate: in a wide bin what a model says there does not show.
+    start that nobody recorded may lie `open_s` before its estimate, where no wide bin may hide what a model says.
     """
     half = half_s if np.isfinite(half_s) else np.inf
     # Half a period before zero, so that with one sample a period each narrow bin holds one sample.
