@@ -25,6 +25,7 @@ RATIOS = (0.0, 0.05, 0.15, 0.4, 0.99)  # of the second time constant to the firs
 # A body that is warmed from its surface hides the start of it: the core of a sphere shows 1 % of the step only after a
 # fifth of its t63 (Carslaw and Jaeger 1959, eq. 9.3(5)), and is timed late by as much. Which body it is is not known.
 HIDDEN_SHARE = 0.2
+PAST = -700.0  # of an exponent: what is left is nothing, and numbers that underflow take four times as long
 GOOD_FIT = 0.015  # rms of what the lags leave, as a share of the readings' range
 
 
@@ -208,12 +209,12 @@ def _shapes(since_s: Array, lags_s: Array, line: Array) -> Array:
     Of n moments since the start: (lags, ratios, n).
     """
     since_s, first_s, ratio = np.maximum(since_s, 0.0), lags_s[:, None, None], np.array(RATIOS)[:, None]
-    with np.errstate(under="ignore"):
-        shapes = np.exp(-since_s / np.maximum(first_s * ratio, 1e-12))
+    slow = np.exp(np.maximum(-since_s / first_s, PAST))
+    shapes = -since_s / np.maximum(first_s * ratio, 1e-12)
+    np.exp(np.maximum(shapes, PAST, out=shapes), out=shapes)
     shapes *= ratio
-    np.subtract(np.exp(-since_s / first_s), shapes, out=shapes)
+    np.subtract(slow, shapes, out=shapes)
     shapes /= 1.0 - ratio
     np.subtract(1.0, shapes, out=shapes)
-    shapes *= since_s > 0
     shapes -= (shapes @ line) @ line.T
     return np.asarray(shapes)
