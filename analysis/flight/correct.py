@@ -48,7 +48,7 @@ from shockrig.analysis.flight.response import bead_response, unsure_of_airspeed
 from shockrig.analysis.flight.screen import clock as put_in_order
 from shockrig.analysis.flight.screen import code_notes, screen, without_codes
 from shockrig.analysis.flight.smooth_channel import LONGEST_BRIDGE_S, Estimate, estimate, typical_period
-from shockrig.analysis.flight.stretches import largest_share
+from shockrig.analysis.flight.stretches import felt_jumps, largest_share
 from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, REFERENCE_C, Stream
 from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA
 from shockrig.files.errors import InputError
@@ -242,6 +242,7 @@ def _temperature(
         variance,
         plain.delay_s,
         rounding=steps,
+        jumps_s=None if felt is None else felt_jumps(felt, time_s, screened.usable & ~screened.loud),
         loud=screened.loud,
     )
     found = solve(readings, cutoff_hz)

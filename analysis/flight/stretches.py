@@ -58,6 +58,20 @@ class Felt:
     resolution: float
 
 
+def felt_jumps(felt: Felt, time_s: Array, told: Mask) -> Array:
+    """Times (j,) between two rows in which another sensor felt the air jump, where the readings (n,) that `told` of the
+    air are not on both sides."""
+    rows = np.flatnonzero(np.isfinite(felt.reading))
+    size = np.abs(np.diff(felt.reading[rows]))
+    if size.size < WINDOW_ROWS:
+        return np.zeros(0)
+    least = JUMP_IN_NOISE * float(np.hypot(max(felt.noise, TO_SIGMA * np.median(size)), felt.resolution))
+    beside = np.maximum(np.append(size[1:], 0.0), np.append(0.0, size[:-1]))
+    first, last = rows[:-1], rows[1:]
+    jumped = (size > least) & (beside < BESIDE_SHARE * size) & (last - first == 1) & ~(told[first] & told[last])
+    return np.asarray(0.5 * (time_s[first] + time_s[last])[jumped])
+
+
 @dataclass(frozen=True)
 class Stretches:
     """Rows (n,) `from_elsewhere` (between two jumps), `stuck` for longer than noise explains, and that `stood` as no

@@ -15,6 +15,7 @@ from shockrig.analysis.flight.simulated.sensor import fly
 from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.flight.simulated.weather import convective, frontal
 from shockrig.analysis.flight.stretches import Felt, largest_share
+from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.profile import StatedEffect, Uncertain
 from shockrig.files.ranges import RANGES
 from shockrig.files.sentinels import CODES, coded
@@ -150,6 +151,19 @@ def test_a_sensor_that_is_stuck_and_dithers_is_not_believed():
     error = done.temperature_c - TRUTH["temperature_c"] - drifting
     assert np.mean(np.abs(error[rows]) <= 1.96 * done.temperature_uncertainty_k[rows]) > 0.9
     assert rms(error[rows]) < rms((stuck.temperature_c - TRUTH["temperature_c"] - drifting)[rows])
+
+
+@pytest.mark.parametrize("value", [np.nan, 23.5])
+def test_when_the_air_jumped_while_the_bead_was_not_read_is_told_by_the_film(value):
+    """Its relative humidity follows the temperature at once. Before: a line from 25 to 12 degC over the gap."""
+    rng, row = np.random.default_rng(2), np.arange(800)
+    air, vapour = np.where(row > 400, 12.0, 25.0), 7.0
+    humidity = 100.0 * vapour / saturation_pressure_hpa(air) + 0.06 * rng.standard_normal(row.size)
+    temperature = air + 0.02 * rng.standard_normal(row.size)
+    temperature[380:420] = value
+    log = dataclasses.replace(flight().at(row), time_s=0.1 * row, temperature_c=temperature, humidity_percent=humidity)
+    done = correct(log, PROFILE)
+    assert rms(done.temperature_c - air) < 0.3
 
 
 @pytest.mark.parametrize("warming_k", [3.0, 0.0])
