@@ -232,7 +232,9 @@ def judged(seed: int, kinds: list[str]) -> dict[str, object]:
         as_read = done.flags["not_corrected"] | done.flags[f"{name.split('_')[0]}_not_corrected"]
         beyond[as_read & (value == reading)] = 0.0  # a reading, and said to be no more
         outside = known & ((beyond > 0) | ((value > most) & ~as_read))
-        is_raw = known & as_read & (value != reading)
+        # where columns stand in one another's place, the reading is in the other
+        other = rows[CHANNELS[1 - CHANNELS.index(name)]]
+        is_raw = known & as_read & (value != reading) & (value != other)
         found: dict[str, object] = {
             "given": float(known[log.is_true[name]].mean()) if log.is_true[name].any() else None,
             "outside": int(outside.sum()),

@@ -28,9 +28,8 @@ from shockrig.files.sentinels import coded
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# What in a log is no reading at all: codes for no value, and rows whose two columns stand in one another's place.
-#
-# They are missing from here on, and are counted.
+# What in a log is no reading of its column: codes for no value, which are missing from here on, and rows whose two
+# columns stand in one another's place, which are put back. Both are counted.
 
 MOST_SHARE_OFF = 0.25  # of how far both columns go, that they are from the other's last values where they change place
 WARM_C = 35.0  # few airs are flown in that are warmer
@@ -54,7 +53,8 @@ FIELDS = {
 
 
 def without_codes(flight: Flight) -> tuple[Flight, dict[str, Mask]]:
-    """The flight with codes for no value missing, and the rows (n,) of each, by quantity and code."""
+    """The flight with codes for no value missing and exchanged columns put back, and the rows (n,) of each, by quantity
+    and code."""
     found: dict[str, Mask] = {}
     changed = {}
     for quantity, (name, possible) in FIELDS.items():
@@ -73,10 +73,12 @@ def without_codes(flight: Flight) -> tuple[Flight, dict[str, Mask]]:
     exchanged = _exchanged(flight.temperature_c, flight.humidity_percent)
     if exchanged.any():
         found[EXCHANGED] = exchanged
-        blank = {
-            name: np.where(exchanged, np.nan, getattr(flight, name)) for name in ("temperature_c", "humidity_percent")
-        }
-        flight = replace(flight, **blank)
+        of_bead, of_film = flight.temperature_c, flight.humidity_percent
+        flight = replace(
+            flight,
+            temperature_c=np.where(exchanged, of_film, of_bead),
+            humidity_percent=np.where(exchanged, of_bead, of_film),
+        )
     return flight, found
 
 
@@ -238,7 +240,7 @@ def code_notes(codes: Mapping[str, Mask | int]) -> list[str]:
     for name, rows in codes.items():
         count = int(np.count_nonzero(rows)) if isinstance(rows, np.ndarray) else rows
         if count and name == EXCHANGED:
-            sentences.append(f"{name} in {counted(count, 'row')}: taken as missing")
+            sentences.append(f"{name} in {counted(count, 'row')}: read there")
         elif count and name == PASCAL:
             sentences.append("pressure_hpa: no air has so much; taken as Pa, and divided by 100")
         elif count:
