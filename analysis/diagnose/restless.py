@@ -207,6 +207,7 @@ def _amplitudes(pieces: list[_Plateau], frequency_hz: Array) -> tuple[Array, Arr
 
 def _hum(channel: Channel, pieces: list[_Plateau]) -> Discovered | None:
     """A hum by its period and amplitude; None where conditions do not bear one another out."""
+    pieces = [p for p in pieces if _spread(p.value) > 0.0]  # one that mostly repeats a value has no spectrum
     if len(pieces) < 2 * FEWEST_PLATEAUS:
         return None
     lasts_s = float(np.median([p.time_s[-1] - p.time_s[0] for p in pieces]))

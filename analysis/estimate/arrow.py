@@ -86,7 +86,9 @@ class Arrow:
         scale = np.sqrt(np.maximum(np.diag(self.normal), 1e-12))
         correlation = self.normal / scale[:, None] / scale
         np.fill_diagonal(correlation, 1.0 + 1e-12)  # that of an unseen parameter is nought, and would be left out
-        inverse = np.linalg.pinv(correlation, rcond=1e-11, hermitian=True)
+        values, axes = np.linalg.eigh(correlation)
+        # Along an axis that they see no better than rounding, below nought even, they say nothing: that is not certain.
+        inverse = (axes / np.maximum(values, 1e-11 * values[-1])) @ axes.T
         return np.asarray(inverse / scale[:, None] / scale)
 
     def run_variances(self) -> Array:

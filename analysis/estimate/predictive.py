@@ -179,6 +179,7 @@ def densities(g: Gram, discrepancies: Array, blocks: NDArray[np.int64] | None = 
     log_det = log_det + np.linalg.slogdet(whole)[1][:, None] - np.linalg.slogdet(rest)[1]
     # How large the noise is, is known about as well as from so many readings: Student's density in place of Gauss's, so
     # that a run which no model describes counts by how much less one leaves of it than another, and not for thousands.
+    off = np.where(off < 0.0, np.nan, off)  # a square below nought is rounding, of a fit so far off that it says nothing
     student = (NOISE_DEGREES + count) * np.log1p((off - count) / (NOISE_DEGREES + count))
     return np.asarray(-0.5 * (count + student + log_det))
 

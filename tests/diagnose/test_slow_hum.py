@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from shockrig.analysis.diagnose import restless
 from shockrig.analysis.diagnose.adequacy import judge
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.prepare import prepare
@@ -66,3 +67,10 @@ def test_a_hum_as_large_as_the_tolerance_is_described_and_no_noise(tmp_path):
 def test_wandering_noise_is_no_hum(seed, tmp_path):
     judged, check = line(recorded(tmp_path, seed))
     assert judged.passed and check.p > 1e-4
+
+
+def test_plateaus_that_mostly_repeat_a_value_have_no_hum(tmp_path):
+    channel = recorded(tmp_path, 3)
+    time_s = np.arange(0.0, 40.0, 0.1)
+    still = [restless._Plateau(run, time_s, np.where(time_s < 1.0, 0.01, 0.0)) for run in range(8)]
+    assert restless._hum(channel, still) is None

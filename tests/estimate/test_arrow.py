@@ -137,3 +137,14 @@ def test_a_parameter_that_nothing_sees_is_unknown_and_leaves_the_others_alone(ca
     covariance = wider.covariance()
     assert covariance[:P, :P] == pytest.approx(arrow.covariance(), rel=1e-6)
     assert covariance[P, P] > 1e11
+
+
+def test_what_the_data_see_only_together_is_uncertain_alone():
+    """Two columns that rounding alone tells apart: the sum of their parameters is known, neither of them is."""
+    rng = np.random.default_rng(2)
+    column = rng.standard_normal((R, N, 1))
+    for rounding in (0.0, 1e-9, -3e-9):
+        jacobian = np.concatenate([column, column * (1.0 + rounding * rng.standard_normal(column.shape))], axis=-1)
+        covariance = Arrow(jacobian, np.zeros((R, N, 1)), np.ones((R, 1)), np.zeros(2)).covariance()
+        assert covariance.diagonal().min() > 1e6
+        assert covariance.sum() == pytest.approx(1.0 / float((column**2).sum()), rel=1e-3)

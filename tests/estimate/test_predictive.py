@@ -204,3 +204,9 @@ def test_what_one_run_says_alone_is_not_certain():
     every = runs + 10.0 / 30.0
     assert weights([one, runs], [0.0, 0.0])[0] < 0.98
     assert weights([every, runs], [0.0, 0.0])[0] > 0.999
+
+
+def test_a_fit_so_far_off_that_its_squares_are_rounding_says_nothing(fitted):
+    problem, found, bump = fitted
+    below = replace(gram(problem, found, bump), rr=np.full(problem.channel.runs, -1e9))
+    assert np.isnan(densities(below, np.zeros(1))).all()
