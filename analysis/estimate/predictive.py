@@ -177,9 +177,10 @@ def densities(g: Gram, discrepancies: Array, blocks: NDArray[np.int64] | None = 
     off = square - 2.0 * (shift[..., 0] * right).sum(axis=-1) + (np.swapaxes(shift, -1, -2) @ own @ shift)[..., 0, 0]
     off = off - (left * np.swapaxes(np.linalg.solve(whole, np.swapaxes(left, -1, -2)), -1, -2)).sum(axis=-1)
     log_det = log_det + np.linalg.slogdet(whole)[1][:, None] - np.linalg.slogdet(rest)[1]
+    # A square below nought is rounding, of a fit so far off that it says nothing.
+    off = np.where(off < 0.0, np.nan, off)
     # How large the noise is, is known about as well as from so many readings: Student's density in place of Gauss's, so
     # that a run which no model describes counts by how much less one leaves of it than another, and not for thousands.
-    off = np.where(off < 0.0, np.nan, off)  # a square below nought is rounding, of a fit so far off that it says nothing
     student = (NOISE_DEGREES + count) * np.log1p((off - count) / (NOISE_DEGREES + count))
     return np.asarray(-0.5 * (count + student + log_det))
 
