@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from records import Record, smooth
 from rival_models import Model, Modes, models
+from scipy.linalg import solve_banded
 from scipy.optimize import least_squares, minimize_scalar
 
 Array = NDArray[np.float64]
@@ -43,7 +44,6 @@ def reply(modes: Modes, record: Record, start_s: float, dead_s: float) -> Array:
         shown = 1.0 - np.exp(-since[:, None] * rates) @ weights
         return np.where(since > 0.0, shown, 0.0)
     time, air = record.air
-    z = np.full(rates.size, air[0])
     at = record.time_s - dead_s
     place = np.searchsorted(time, at, side="right")
     out = np.full(at.size, air[0])
@@ -51,10 +51,10 @@ def reply(modes: Modes, record: Record, start_s: float, dead_s: float) -> Array:
     slope = np.append(np.diff(air) / width, 0.0)
     decay = np.exp(-width[:, None] * rates)
     states, rests = np.empty((time.size, rates.size)), air[:, None] - slope[:, None] / rates
-    for k in range(time.size):
-        states[k] = z
-        if k < width.size:
-            z = rests[k] + slope[k] * width[k] + (z - rests[k]) * decay[k]
+    driven = rests[:-1] * (1.0 - decay) + (slope[:-1] * width)[:, None]
+    for j in range(rates.size):  # z' = decay z + driven, from one reading of the air to the next
+        band = np.vstack([np.ones(time.size), np.append(-decay[:, j], 0.0)])
+        states[:, j] = solve_banded((1, 0), band, np.append(air[0], driven[:, j]))
     inside = place > 0
     k = place[inside] - 1
     since = at[inside] - time[k]
