@@ -155,13 +155,18 @@ class Arrow:
         in the runs of a group alone, (K, C).
         """
         p, runs = self.jacobian.shape[-1], self.jacobian.shape[0]
-        both = np.concatenate([self.jacobian, columns], axis=-1)
-        # What of each direction the runs' random effects cannot take up.
-        left = both - self.run_jacobian @ np.linalg.solve(self.blocks, self._turned @ both)
+        # What the runs' random effects see of each direction, and what they take of it.
+        seen = self._turned @ np.concatenate([self.jacobian, columns], axis=-1)
+        taken_up = np.linalg.solve(self.blocks, seen)
         at_zero = residual + (self.run_jacobian @ deviations[..., None])[..., 0]
-        right = (np.swapaxes(left, 1, 2) @ at_zero[..., None])[..., 0]  # (R, P + C)
-        normal = np.swapaxes(self.jacobian, 1, 2) @ left  # (R, P, P + C)
-        size = np.einsum("rnc,rnc->rc", columns, left[..., p:])
+        right = -(np.swapaxes(taken_up, 1, 2) @ (self._turned @ at_zero[..., None]))[..., 0]  # (R, P + C)
+        right[:, :p] += (at_zero[:, None] @ self.jacobian)[:, 0]
+        right[:, p:] += (at_zero[:, None] @ columns)[:, 0]
+        normal = -np.swapaxes(seen[..., :p], 1, 2) @ taken_up  # (R, P, P + C)
+        turned = np.swapaxes(self.jacobian, 1, 2)
+        normal[..., :p] += turned @ self.jacobian
+        normal[..., p:] += turned @ columns
+        size = np.einsum("rnc,rnc->rc", columns, columns) - (seen[..., p:] * taken_up[..., p:]).sum(axis=1)
         among = np.ones((1, runs)) if groups is None else groups
         coupled = np.tensordot(among, normal[..., p:], axes=1)  # (K, P, C)
         taken = self._inverse(normal[..., :p].sum(axis=0)) @ coupled

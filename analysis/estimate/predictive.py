@@ -139,20 +139,37 @@ def gram(problem: Problem, found: Fit, bump: Array) -> Gram:
 
 def _reduced(g: Gram, discrepancies: Array) -> tuple[Array, Array, Array, Array]:
     """Under T discrepancies each run's N_i (T, R, P, P), g_i (T, R, P), r_i' C_i^-1 r_i and log det C_i (T, R)."""
-    bumps_of = np.empty((discrepancies.size, g.own.shape[0], g.vv.shape[-1] - g.own.shape[-1]))
-    bumps_of[:] = (discrepancies**2)[:, None, None]
-    own_of = np.broadcast_to(g.own, (discrepancies.size, *g.own.shape))
-    root = np.sqrt(np.concatenate([own_of, bumps_of], axis=-1))
-    # With V scaled to unit variance, C^-1 = I - V (I + V'V)^-1 V'.
-    scaled = g.vv * root[..., :, None] * root[..., None, :]
-    index = np.arange(scaled.shape[-1])
-    scaled[..., index, index] += 1.0
-    jv, vr = g.jv * root[..., None, :], g.vr * root
-    solved = np.linalg.solve(scaled, np.concatenate([np.swapaxes(jv, -1, -2), vr[..., None]], axis=-1))
-    own = g.jj - jv @ solved[..., :-1]
-    right = g.jr - (jv @ solved[..., -1:])[..., 0]
-    square = g.rr - (vr * solved[..., -1]).sum(axis=-1)
-    return own, right, square, np.linalg.slogdet(scaled)[1]
+    own, root = g.own.shape[-1], np.sqrt(g.own)
+    # First what a run does of its own, which no discrepancy changes: with U scaled to unit variance,
+    # (I + U U')^-1 = I - U (I + U'U)^-1 U'.
+    u = root[..., None] * np.concatenate(
+        [np.swapaxes(g.jv, -1, -2)[:, :own], g.vv[:, :own], g.vr[:, :own, None]], axis=-1
+    )
+    p = g.jj.shape[-1]
+    inner = np.eye(own) + u[..., p : p + own] * root[:, None, :]
+    solved = np.linalg.solve(inner, u)
+    kept = np.concatenate([np.arange(p), np.arange(p + own, u.shape[-1])])  # parameters, bumps, residual
+    u, solved = u[..., kept], solved[..., kept]
+    left = -np.swapaxes(u, -1, -2) @ solved
+    left[:, :p, :p] += g.jj
+    left[:, :p, p:-1] += g.jv[..., own:]
+    left[:, p:-1, p:-1] += g.vv[:, own:, own:]
+    left[:, :p, -1] += g.jr
+    left[:, p:-1, -1] += g.vr[:, own:]
+    left[:, -1, -1] += g.rr
+    # Then the bumps, along their own axes, on which a discrepancy s weighs s^2 / (1 + s^2 value).
+    values, axes = np.linalg.eigh(left[:, p:-1, p:-1])
+    values = np.maximum(values, 0.0)
+    seen, across = left[:, :p, p:-1] @ axes, (np.swapaxes(axes, -1, -2) @ left[:, p:-1, -1:])[..., 0]
+    square = (discrepancies**2)[:, None, None]
+    weight = square / (1.0 + square * values)
+    weighed = seen * weight[:, :, None, :]
+    return (
+        left[:, :p, :p] - weighed @ np.swapaxes(seen, -1, -2),
+        left[:, :p, -1] - (weighed @ across[..., None])[..., 0],
+        left[:, -1, -1] - (weight * across**2).sum(axis=-1),
+        np.linalg.slogdet(inner)[1] + np.log1p(square * values).sum(axis=-1),
+    )
 
 
 def densities(g: Gram, discrepancies: Array, blocks: NDArray[np.int64] | None = None) -> Array:
