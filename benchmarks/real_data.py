@@ -5,7 +5,8 @@
 
 Per set: the error on held-out runs of the plain and of the extended model and of each rival (`rivals.py`; the same
 runs, the same folds), the ratio to the best rival and to the one that its training runs would have chosen, the verdict,
-what is named, t63. A set of one run has no held-out error: there the rivals' error is that on the run itself.
+what is named, t63. Where a diagnosis leaves runs out, or has no prediction of a fold, all are judged on the runs that
+it predicts. A set of one run has no held-out error: there the rivals' error is that on the run itself.
 
 `--logs` is a folder with the two sets as they were published; `data/real`, taken otherwise, holds thinned parts.
 `--cache` judges other sets in their place, from logs that this project does not hold (`real_cache_sets.py`,
@@ -44,24 +45,29 @@ def part_of(campaign: Path, out: Path, ids: list[str]) -> Path:
     return out
 
 
-def our_held_out(campaign: Path, channel: str, folds: int, scratch: Path, limit_s: int) -> tuple[float, float] | str:
-    """Rms errors on held-out runs, plain and extended, each fold diagnosed without them; or why there are none."""
-    from ours import fresh_errors, judge
+def our_held_out(
+    campaign: Path, channel: str, folds: int, scratch: Path, limit_s: int
+) -> tuple[dict[str, tuple[float, float]], str]:
+    """Mean square errors of each held-out run, plain and extended, each fold diagnosed without it; and the last reason
+    why there are none of a fold. A run that a diagnosis leaves out has none either."""
+    from ours import fresh_run_errors, judge
 
     names = sorted(p.name for p in (campaign / "runs").iterdir())
-    squares = []
+    found: dict[str, tuple[float, float]] = {}
+    why = "every run is left out"
     for k in range(folds):
         train = [n for i, n in enumerate(names) if i % folds != k]
         test = [n for i, n in enumerate(names) if i % folds == k]
         outcome = judge(part_of(campaign, scratch / f"train{k}", train), 0, limit_s, characterized=False)
         if "diagnose" in outcome.refused or "diagnose" in outcome.crashed:
-            return (outcome.refused | outcome.crashed)["diagnose"].strip().splitlines()[-1].rsplit("/", 1)[-1][:90]
-        found = fresh_errors(outcome, part_of(campaign, scratch / f"test{k}", test), channel)
-        if found is None:
-            return "no prediction of other runs"
-        squares += [(found[0] ** 2, found[1] ** 2)] * len(test)
-    before, after = np.sqrt(np.mean(squares, axis=0))
-    return float(before), float(after)
+            why = (outcome.refused | outcome.crashed)["diagnose"].strip().splitlines()[-1].rsplit("/", 1)[-1][:90]
+            continue
+        both = fresh_run_errors(outcome, part_of(campaign, scratch / f"test{k}", test), channel)
+        if both is None:
+            why = "no prediction of other runs"
+            continue
+        found |= {n: (b, a) for n, b, a in zip(test, *both, strict=True) if np.isfinite(a)}
+    return found, why
 
 
 def judge_set(real, logs: Path, keep: Path | None, limit_s: int) -> dict:
@@ -78,16 +84,24 @@ def judge_set(real, logs: Path, keep: Path | None, limit_s: int) -> dict:
             real.make(logs, campaign)
         runs = read_records(campaign, real.channel)
         folds = folds_of(len(runs))
+        squares, ours = {}, "one run"
         if folds:
-            by_run = held_out(runs, real.channel, folds)
-            rivals = {name: float(np.sqrt(np.mean(np.square(list(e.values()))))) for name, e in by_run.items()}
+            squares, ours = our_held_out(campaign, real.channel, folds, Path(folder) / "folds", limit_s)
+            by_run = held_out(runs, real.channel, folds)  # of the rivals, on the same runs where there are any
+            rivals = {
+                name: float(np.sqrt(np.mean([error**2 for run, error in e.items() if run in squares or not squares])))
+                for name, e in by_run.items()
+            }
         else:
             rivals = {name: fit_rival(m, runs, real.channel).train_rmse for name, m in models(real.channel).items()}
-        ours = our_held_out(campaign, real.channel, folds, Path(folder) / "folds", limit_s) if folds else "one run"
+        if squares:
+            before, after = np.sqrt(np.mean(list(squares.values()), axis=0))
+            ours = float(before), float(after)
         outcome = judge(campaign, 0, limit_s)
         return {
             "runs": len(runs),
             "folds": folds,
+            "predicted": len(squares),
             "rivals": rivals,
             "ours": ours,
             "told": outcome.tells(real.channel),
@@ -111,7 +125,8 @@ def report(real, r: dict) -> list[str]:
         ratio = after / r["rivals"][best]
         mark = "ok" if ratio <= RATIO else "WORSE"
         chosen = after / r["rivals"][CHOSEN]
-        lines.append(f"  ours: plain {before:.3g}, extended {after:.3g}: {ratio:.2f} of the best rival ({best}) {mark}")
+        part = "" if r["predicted"] == r["runs"] else f" on {r['predicted']} of them"
+        lines.append(f"  ours{part}: plain {before:.3g}, extended {after:.3g}: {ratio:.2f} of the best rival ({best}) {mark}")
         lines[-1] += f", {chosen:.2f} of that which is best in training"
     told = r["told"]
     if told is None:
