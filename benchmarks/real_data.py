@@ -126,8 +126,8 @@ def report(real, r: dict) -> list[str]:
         mark = "ok" if ratio <= RATIO else "WORSE"
         chosen = after / r["rivals"][CHOSEN]
         part = "" if r["predicted"] == r["runs"] else f" on {r['predicted']} of them"
-        lines.append(f"  ours{part}: plain {before:.3g}, extended {after:.3g}: {ratio:.2f} of the best rival ({best}) {mark}")
-        lines[-1] += f", {chosen:.2f} of that which is best in training"
+        lines.append(f"  ours{part}: plain {before:.3g}, extended {after:.3g}: {ratio:.2f} of the best rival")
+        lines[-1] += f" ({best}) {mark}, {chosen:.2f} of that which is best in training"
     told = r["told"]
     if told is None:
         lines.append(
