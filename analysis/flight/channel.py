@@ -57,6 +57,8 @@ class FlightReadings:
         Times at which a faster sensor saw the air jump.
     loud : ndarray (n,) or None
         Readings in bursts of noise.
+    told : ndarray (n,) or None
+        What the sensor would have read, where that is told by another; NaN elsewhere.
     """
 
     channel: str
@@ -70,6 +72,7 @@ class FlightReadings:
     rounding: Array | None = None
     jumps_s: Array | None = None
     loud: Mask | None = None
+    told: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -198,13 +201,7 @@ def judged(
     shared = np.where(raw_rows, np.hypot(np.sqrt(common) * unit, raw - value), np.sqrt(common) * unit)
     value = np.where(raw_rows, raw, value)
     sigma = np.where(raw_rows, away, sigma)
-    # a reading that is repeated is one, if an old one; one at the sensor's ceiling is none, unless no air has more
-    capped = np.zeros(raw.shape, dtype=bool) if screened.capped is None else screened.capped
-    read = screened.repeated & ~capped & ~_far(readings.time_s, screened.usable, LONGEST_REPEAT_S)
-    read |= capped & (raw >= most)
-    empty = (_far(readings.time_s, screened.usable, LONGEST_FILL_S) & ~read) | (
-        raw_rows & ~(screened.usable | screened.repeated)
-    )
+    empty = _given_nowhere(readings, screened, raw, raw_rows, most, notes)
     value, sigma = np.where(empty, np.nan, value), np.where(empty, np.nan, sigma)
     of_readout = np.hypot(undone.uncertainty, late)
     return FlightChannel(
@@ -222,6 +219,22 @@ def judged(
         found.jumps_s,
         readings.response,
     )
+
+
+def _given_nowhere(
+    readings: FlightReadings, screened: Screened, raw: Array, raw_rows: Mask, most: float, notes: list[str]
+) -> Mask:
+    """Rows (n,) without a value: those far from any reading, and those to be given as read that were not."""
+    # a reading that is repeated is one, if an old one; one at the sensor's ceiling is none, unless no air has more
+    capped = np.zeros(raw.shape, dtype=bool) if screened.capped is None else screened.capped
+    read = screened.repeated & ~capped & ~_far(readings.time_s, screened.usable, LONGEST_REPEAT_S)
+    far = _far(readings.time_s, screened.usable, LONGEST_FILL_S)
+    if (old := far & read & ~raw_rows).any():
+        notes.append(
+            f"{readings.channel}: {counted(int(np.count_nonzero(old)), 'row')} where the reading stands: told by "
+            "the readings before and after" + ("" if readings.told is None else ", and by the temperature")
+        )
+    return np.asarray((far & ~read & ~(capped & (raw >= most))) | (raw_rows & ~(screened.usable | screened.repeated)))
 
 
 def _contradicted(readings: FlightReadings, found: Estimate, noise: Array, trusted: Mask) -> Mask:
@@ -442,6 +455,8 @@ def reach(readings: FlightReadings, resolved_rate: float) -> tuple[Array, Array]
         ends = np.flatnonzero(readings.usable)
     # gaps bridged by straight lines: what lies between two readings is no farther than they are
     around = np.interp(rows, ends, readings.reading[ends])
+    if readings.told is not None:
+        around = np.where(np.isfinite(readings.told), readings.told, around)
     period = typical_period(readings.time_s)
     response = readings.response
     size = min(2 * _remembered(readings) + 1, 2 * rows.size + 1)

@@ -52,6 +52,7 @@ from shockrig.analysis.flight.smooth_channel import LONGEST_BRIDGE_S, Estimate, 
 from shockrig.analysis.flight.smoother import followed
 from shockrig.analysis.flight.stretches import MOST_SHARE, Felt, fastest, largest_share
 from shockrig.analysis.flight.sweep import lags_behind
+from shockrig.analysis.flight.unread import where_unread
 from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.flight import Flight
@@ -314,24 +315,13 @@ def _through_vapour(
         response = film.respond(air)
     if told is not None:
         response = response.slower(told.slower, told.error)
-    variance = (np.hypot(film.noise * screened.louder, screened.resolution / np.sqrt(12)) / plain.gain * to_vapour) ** 2
-    vapour = plain.reading * to_vapour
-    readings = FlightReadings(
-        "humidity",
-        time_s,
-        vapour,
-        screened.usable,
-        response,
-        variance,
-        plain.delay_s,
-        rounding=coarse(screened.resolution, film.noise, to_vapour / plain.gain),
-        jumps_s=bead.jumps_s,
-        loud=screened.loud,
-    )
+    readings = _of_vapour(time_s, film, plain, to_vapour, response, bead)
     doubt = _of_temperature(readings, air, error, bead) if alike else TemperatureDoubt(raw.shape)
     readings = replace(readings, passing=doubt.passing, usable=doubt.usable(screened.usable))
     found = solve(readings, cutoff_hz)
-    found = _as_the_film(found, vapour, doubt.vague & screened.usable & ~screened.loud)
+    if alike:
+        readings, found = where_unread(readings, air, error, found, lambda rest: solve(rest, cutoff_hz))
+    found = _as_the_film(found, readings.reading, doubt.vague & screened.usable & ~screened.loud)
     outside = ~film.part.covers(film.air_c) | beyond_discovered(film.part.discovered, stream.airflow_m_s, film.air_c)
     channel = judged(readings, found, plain, screened, outside, raw, from_vapour, notes, SATURATED_PERCENT)
     channel = held(channel, readings, raw, from_vapour, notes, (0.0, SATURATED_PERCENT), doubt.left_open * from_vapour)
@@ -343,6 +333,26 @@ def _through_vapour(
     parts += [bead.carried.uncertainty] if bead.carried is not None else []
     channel = _in_all(channel, of_air, not_known(film.effects), now, np.sqrt(sum(np.square(part) for part in parts)))
     return replace(channel, temperature_alone=alone)
+
+
+def _of_vapour(
+    time_s: Array, film: FilmInAir, plain: Undone, to_vapour: Array, response: LagResponse, bead: FlightChannel
+) -> FlightReadings:
+    """The film's readings in the unit of vapour, of which each unit of theirs is `to_vapour` (n,)."""
+    screened, per_reading = film.screened, to_vapour / plain.gain
+    noise = np.hypot(film.noise * screened.louder, screened.resolution / np.sqrt(12))
+    return FlightReadings(
+        "humidity",
+        time_s,
+        plain.reading * to_vapour,
+        screened.usable,
+        response,
+        (noise * per_reading) ** 2,
+        plain.delay_s,
+        rounding=coarse(screened.resolution, film.noise, per_reading),
+        jumps_s=bead.jumps_s,
+        loud=screened.loud,
+    )
 
 
 def _noise(part: HumidityProfile | None, effects: Sequence[Acting], given: float | None) -> float:

@@ -1,0 +1,86 @@
+"""What the vapour did while the film was not read: it went with the temperature as it does in the rest of the flight.
+
+In plumes and across gusts vapour and temperature go together, and a film that is stuck, or in a gap, leaves the
+temperature as the only witness. How many units of vapour go with a kelvin is what the film's readings say of it, lagged
+as the film lags, in each tenth of the flight by itself: one front does not speak for all of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.analysis.flight.channel import LONGEST_FILL_S, FlightReadings
+from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
+from shockrig.analysis.flight.sweep import lags_behind
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+BLOCKS = 10  # of the flight, each with a slope of its own
+OVER_S = 3.0  # over which changes are compared
+FEWEST_BLOCKS = 4  # that tell of it
+LEAST_MOVED = 0.25  # of what the temperature moves by in the usual block; where it moves less, little is told
+MOVED_SIGMAS = 2.0  # and of what it is unsure by
+SURE_SIGMAS = 2.0
+TO_SIGMA = 1.4826  # of the median of absolute values
+OF_MEDIAN = 1.25  # times the standard error of a mean is that of a median
+
+
+def where_unread(
+    readings: FlightReadings, air_c: Array, sigma_k: Array, found: Estimate, solve: Callable[[FlightReadings], Estimate]
+) -> tuple[FlightReadings, Estimate]:
+    """The estimate, in rows that lie far from any reading with the vapour that goes with the temperature `air_c` (n,)
+    of the air, which is unsure by `sigma_k` (n,); and the readings with what is told there."""
+    rows = far(readings)
+    if not rows.any():
+        return readings, found
+    lags, _ = lags_behind(air_c, readings.response, typical_period(readings.time_s))
+    lagged = (lags * readings.response.weight).sum(axis=1)
+    slope, error = goes_with(readings, lagged, float(np.median(sigma_k)))
+    if slope == 0.0:
+        return readings, found
+    rest = solve(replace(readings, reading=readings.reading - slope * lagged))
+    # of the temperature's moves since the last reading, as much as the slope is unsure by
+    known = np.flatnonzero(~rows)
+    moved = air_c - np.interp(np.arange(rows.size), known, air_c[known])
+    clean = rest.clean + slope * lagged
+    return replace(readings, told=np.where(rows, clean, np.nan)), replace(
+        found,
+        air=np.where(rows, rest.air + slope * air_c, found.air),
+        clean=np.where(rows, clean, found.clean),
+        variance=np.where(rows, rest.variance + (error * moved) ** 2, found.variance),
+    )
+
+
+def far(readings: FlightReadings) -> Mask:
+    """Rows (n,) that lie in a stretch without a reading which is longer than values are filled in over."""
+    time_s, known = readings.time_s, np.flatnonzero(readings.usable)
+    if known.size < 2:
+        return np.zeros(time_s.shape, dtype=bool)
+    after = np.clip(np.searchsorted(known, np.arange(time_s.size)), 1, known.size - 1)
+    lasting = time_s[known[after]] - time_s[known[after - 1]]
+    return np.asarray(~readings.usable & (lasting > LONGEST_FILL_S))
+
+
+def goes_with(readings: FlightReadings, lagged: Array, sigma_k: float) -> tuple[float, float]:
+    """Slope of the readings against the temperature as the film lags behind it (n,), which is unsure by `sigma_k`, and
+    its standard error; the less of it the more chance explains it."""
+    time_s, period = readings.time_s, typical_period(readings.time_s)
+    lag = max(int(round(OVER_S / period)), 1)
+    known = readings.usable[lag:] & readings.usable[:-lag] & (time_s[lag:] - time_s[:-lag] < 2.0 * lag * period)
+    y, x = ((values[lag:] - values[:-lag])[known] for values in (readings.reading, lagged))
+    block = (np.arange(known.size) * BLOCKS // known.size)[known]
+    along, square, count = (np.bincount(block, values, BLOCKS) for values in (x * y, x * x, np.ones(x.size)))
+    moved = np.sqrt(square / np.maximum(count, 1.0))
+    some = (count > 0) & (moved > MOVED_SIGMAS * sigma_k)
+    some &= moved > LEAST_MOVED * np.median(moved[count > 0]) if some.any() else some
+    if np.count_nonzero(some) < FEWEST_BLOCKS:
+        return 0.0, 0.0
+    each = along[some] / square[some]
+    slope = float(np.median(each))
+    error = OF_MEDIAN * TO_SIGMA * float(np.median(np.abs(each - slope))) / np.sqrt(each.size)
+    kept = max(1.0 - (SURE_SIGMAS * error / slope) ** 2, 0.0) if slope else 0.0
+    return kept * slope, error

@@ -1,0 +1,60 @@
+"""What is given where a film was not read: vapour goes with the temperature as in the rest of the flight."""
+
+import numpy as np
+import pytest
+from benchmark_scripts import benchmark
+
+from shockrig.analysis.flight.channel import FlightReadings
+from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.flight.response import LagResponse
+from shockrig.analysis.flight.sweep import lags_behind
+from shockrig.analysis.flight.unread import far, goes_with
+from shockrig.files.flight import Flight
+
+COUNT, PERIOD_S = 2400, 0.1
+TIME = PERIOD_S * np.arange(COUNT)
+LAG = LagResponse(np.ones((COUNT, 1)), np.full((COUNT, 1), 1.0 / 8.0), np.full(COUNT, 0.01))
+
+
+def readings_of(temperature, slope, usable, seed=3):
+    """Readings of a vapour that goes with the temperature (n,), and the temperature as the film lags behind it."""
+    lags, _ = lags_behind(temperature, LAG, PERIOD_S)
+    noise = 0.06 * np.random.default_rng(seed).standard_normal(COUNT)
+    return FlightReadings(
+        "humidity", TIME, 45.0 + slope * lags[:, 0] + noise, usable, LAG, np.full(COUNT, 0.06**2)
+    ), lags[:, 0]
+
+
+def plumes(places):
+    return sum(np.exp(-0.5 * ((TIME - at) / 3.0) ** 2) for at in places)
+
+
+def test_vapour_that_goes_with_the_temperature_does_so_where_it_moves():
+    unread = (TIME > 60.0) & (TIME < 90.0)
+    readings, lagged = readings_of(plumes((15.0, 40.0, 105.0, 130.0, 150.0, 190.0, 225.0)), 4.0, ~unread)
+    slope, error = goes_with(readings, lagged, 0.01)
+    assert abs(slope - 4.0) < 0.2 and error < 0.2
+    assert np.array_equal(far(readings), unread)
+
+
+@pytest.mark.parametrize("places", [(100.0,), ()])
+def test_one_front_does_not_speak_for_the_flight_nor_does_noise(places):
+    temperature = plumes(places) + 0.005 * np.random.default_rng(4).standard_normal(COUNT)
+    assert goes_with(*readings_of(temperature, 4.0, TIME < 200.0), 0.01) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("seed", [6, 7, 8])
+def test_a_film_that_is_stuck_in_plumes_is_told_by_the_temperature(seed):
+    """For half a minute; before, its vapour was the line across it, and the humidity worse than the reading."""
+    kinds, worlds, harm = (benchmark(name) for name in ("flight_kinds", "flight_worlds", "flight_harm"))
+    world = kinds.plumes(np.random.default_rng(seed))
+    flown = worlds.fly(world, seed)
+    log, truth = flown.log, flown.truth["humidity_percent"]
+    stuck = (log["time_s"] > 60.0) & (log["time_s"] < 90.0)
+    humidity, nothing = np.where(stuck, log["humidity_percent"][600], log["humidity_percent"]), np.full(COUNT, np.nan)
+    flight = Flight(log["time_s"], log["temperature_c"], humidity, nothing, nothing, nothing, log["altitude_m"])
+    done = correct(flight, harm.profile_of(world))
+    off = done.humidity_percent - truth
+    assert np.sqrt(np.mean(off[stuck] ** 2)) < 0.4 * np.sqrt(np.mean((humidity - truth)[stuck] ** 2))
+    (note,) = done.notes
+    assert "where the reading stands" in note and "by the temperature" in note
