@@ -200,7 +200,7 @@ def design(coordinates: Sequence[Coordinate], asked: Sequence[Coordinate]) -> Ar
     """How numbers of a sensor (m) follow from its coordinates (K): Lagrange's polynomial in 1/T between the nodes."""
     found = np.zeros((len(asked), len(coordinates)))
     nodes = [k for k, one in enumerate(coordinates) if one.temperature_c is not None]
-    at = np.array([1.0 / (float(coordinates[k].temperature_c or 0.0) + KELVIN) for k in nodes])
+    at = [1.0 / (float(coordinates[k].temperature_c or 0.0) + KELVIN) for k in nodes]
     for row, one in zip(found, asked, strict=True):
         if one.temperature_c is None:
             for k, other in enumerate(coordinates):
@@ -208,8 +208,7 @@ def design(coordinates: Sequence[Coordinate], asked: Sequence[Coordinate]) -> Ar
             continue
         x = 1.0 / (one.temperature_c + KELVIN)
         for place, k in enumerate(nodes):
-            others = np.delete(at, place)
-            row[k] = np.prod((x - others) / (at[place] - others))
+            row[k] = math.prod((x - other) / (at[place] - other) for i, other in enumerate(at) if i != place)
     return found
 
 
