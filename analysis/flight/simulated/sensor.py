@@ -178,19 +178,25 @@ def _by_modes(body: Cells, scale: Array, surface: Array, drive: Array) -> Array:
             (between[1:] + between[:-1]) / body.capacity, -body.link / (root[1:] * root[:-1])
         )
         shown[run], taken[run] = (body.weight / root) @ shapes, shapes[-1] * surface[run] / root[-1]
-    # Of each mode, in departures from rest: y_k - (4 y_k-1 - y_k-2) / 3 = step (taken u_k - decay y_k) scale_k / 1.5.
+    # Of each mode, in departures from rest: y_k - (4 y_k-1 - y_k-2) / 3 = step (taken u_k - decay y_k) scale_k / 1.5,
+    # which over many steps is a triangular system of two bands.
     departure = np.zeros(drive.shape)
-    before = state = np.zeros(decay.shape)
+    before, state = np.zeros((2, *decay.shape))
     for first in range(1, drive.shape[1], STEPS_AT_ONCE):
         steps = slice(first, first + STEPS_AT_ONCE)
-        scaled = scale[:, steps].T[..., None] * (FINE_STEP_S / 1.5)
-        share = 1.0 / (1.0 + scaled * decay)
-        come = share * scaled * taken * (drive[:, steps] - drive[:, :1]).T[..., None]
-        newer, older = share * (4.0 / 3.0), share / 3.0
-        for k in range(len(share)):
-            before, state = state, newer[k] * state - older[k] * before + come[k]
-            share[k] = state
-        departure[:, steps] = np.einsum("krm,rm->rk", share, shown)
+        for run in range(runs):
+            scaled = scale[run, steps] * (FINE_STEP_S / 1.5)
+            share = 1.0 / (1.0 + decay[run, :, None] * scaled)
+            newer, older = share * (4.0 / 3.0), share / 3.0
+            come = share * scaled * taken[run, :, None] * (drive[run, steps] - drive[run, 0])
+            come[:, 0] += newer[:, 0] * state[run] - older[:, 0] * before[run]
+            come[:, 1:2] -= older[:, 1:2] * state[run, :, None]
+            band = np.ones((3, scaled.size), order="F")
+            for mode in range(root.size):
+                band[1, :-1], band[2, :-2] = -newer[mode, 1:], older[mode, 2:]
+                come[mode] = lapack.dtbtrs(band, come[mode], uplo="L")[0]
+            before[run], state[run] = (come[:, -2] if scaled.size > 1 else state[run]), come[:, -1]
+            departure[run, steps] = shown[run] @ come
     return drive[:, :1] + departure
 
 
