@@ -9,8 +9,8 @@ what is named, t63. Where a diagnosis leaves runs out, or has no prediction of a
 it predicts. A set of one run has no held-out error: there the rivals' error is that on the run itself.
 
 `--logs` is a folder with the two sets as they were published; `data/real`, taken otherwise, holds thinned parts.
-`--cache` judges other sets in their place, from logs that this project does not hold (`real_cache_sets.py`,
-`real_third_sets.py`, `real_fourth_sets.py`, `real_fifth_sets.py` and `real_sixth_sets.py` say which).
+`--cache` judges other sets in their place, from logs that this project does not hold (`real_cache_sets.py`
+and, for the third to the seventh group, `real_third_sets.py` to `real_seventh_sets.py` say which).
 """
 
 from __future__ import annotations
@@ -153,6 +153,7 @@ def main(argv: list[str] | None = None) -> int:
     from real_fifth_sets import fifth_sets
     from real_fourth_sets import fourth_sets
     from real_sets import real_sets
+    from real_seventh_sets import seventh_sets
     from real_sixth_sets import sixth_sets
     from real_third_sets import third_sets
 
@@ -178,7 +179,8 @@ def main(argv: list[str] | None = None) -> int:
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     worse = behind = 0
-    cached = [*cached_sets(), *third_sets(), *fourth_sets(), *fifth_sets(), *sixth_sets()]
+    groups = (cached_sets, third_sets, fourth_sets, fifth_sets, sixth_sets, seventh_sets)
+    cached = [real for group in groups for real in group()]
     sets, logs = (cached, args.cache) if args.cache else (real_sets(), args.logs)
     for real in (s for s in sets if args.only in s.name):
         try:

@@ -57,7 +57,7 @@ PIPES = {
 PULSES = 7  # a second: the pump of the pipe runs
 
 
-def _write_beside(out: Path, logs: Sequence[Log], airs: Sequence[Log]) -> None:
+def write_beside(out: Path, logs: Sequence[Log], airs: Sequence[Log]) -> None:
     """Runs with a measured air."""
     joined, cuts = join_logs(logs)
     write_campaign(out, T, joined, cuts, join_logs(airs)[0], AIR_K)
@@ -102,7 +102,7 @@ def ten_times(cache: Path, out: Path) -> None:
 def ten_times_beside(cache: Path, out: Path) -> None:
     """The other one, which stays off; the first stands for the measured air."""
     airs, logs = _ten_times(cache)
-    _write_beside(out, logs, airs)
+    write_beside(out, logs, airs)
 
 
 def _heater(which: int, lengths_s: Sequence[int]) -> Callable[[Path, Path], None]:
@@ -139,7 +139,7 @@ def rod(cache: Path, out: Path) -> None:
     folder = cache / "KeenanMcConkey/ENPH257-lab-heattransport/Data"
     frames = [pd.read_csv(folder / f"HeatTransport_2017_{day}.csv")[::5] for day in RODS]
     airs, logs = ([log_since(f["elapsed"].to_numpy(), f[one].to_numpy()) for f in frames] for one in ("temp1", "temp2"))
-    _write_beside(out, logs, airs)
+    write_beside(out, logs, airs)
 
 
 def rod_of_two_surfaces(cache: Path, out: Path) -> None:
@@ -147,7 +147,7 @@ def rod_of_two_surfaces(cache: Path, out: Path) -> None:
     folder = cache / "ENPH253/ENPH257"
     tables = [np.loadtxt(folder / f"Noober{one}.csv", delimiter=",")[::20] for one in RODS_OF_TWO_SURFACES]
     airs, logs = ([log_since(table[:, 0], table[:, k]) for table in tables] for k in (5, 3))
-    _write_beside(out, logs, airs)
+    write_beside(out, logs, airs)
 
 
 def bars(cache: Path, out: Path) -> None:
@@ -155,7 +155,7 @@ def bars(cache: Path, out: Path) -> None:
     paths = sorted((cache / "grap7936/ASEN-3802----Lab2-Group-1").glob("*mA"))
     tables = [np.loadtxt(path) for path in paths]
     airs, logs = ([log_since(table[:, 0], table[:, k]) for table in tables] for k in (8, 4))
-    _write_beside(out, logs, airs)
+    write_beside(out, logs, airs)
 
 
 def pipe(cache: Path, out: Path) -> None:
@@ -168,7 +168,7 @@ def pipe(cache: Path, out: Path) -> None:
         flowing = frame[frame.iloc[:, 0] >= begin].to_numpy()
         for kept, k in ((airs, 1), (logs, 3)):
             kept.append(log_since(flowing[:, k - 1], flowing[:, k]))
-    _write_beside(out, logs, airs)
+    write_beside(out, logs, airs)
 
 
 def sixth_sets() -> list[RealSet]:
