@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter
 from scipy.special import bdtrc
 
-from shockrig.analysis.flight.stretches import Felt, judge, within
+from shockrig.analysis.flight.stretches import FELT_SHARE, Felt, judge, within
 from shockrig.analysis.flight.sweep import COARSE_IN_NOISE
 from shockrig.files.flight import Flight
 from shockrig.files.numbers import counted
@@ -254,7 +254,7 @@ def code_notes(codes: Mapping[str, Mask | int]) -> list[str]:
 
 MEDIAN_WIDTH = 11  # a burst of up to 5 absurd samples in a row is seen
 LONE_SIGMAS = 10.0  # of what is usual over the flight
-LEAST_FELT = 0.5  # of how far a reading is off those around, that another sensor felt at least, and at most its inverse
+ON_THE_WAY = 0.25  # of the larger step beside a reading, that the smaller one goes on by
 WORST_SHARE = 0.5  # of what the farthest reading around is off: those go together
 SPIKE_STEPS = 3.0  # of the log: rounding at both ends, and one for the air
 AROUND_WIDTH = 31
@@ -451,14 +451,14 @@ def screen(
     # of a value that is written again and again the first stands for all
     new = np.flatnonzero(np.diff(reading[rows], prepend=np.inf) != 0)
     if new.size >= 3:
-        lone = _lone(reading[rows[new]], np.diff(np.append(new, rows.size)) > 1, noise, resolution)
+        of_air = np.zeros(new.shape, dtype=bool)
+        if felt is not None:
+            of_air = _felt(reading[rows[new]], felt, rows[new], noise, resolution)
+        lone = _lone(reading[rows[new]], np.diff(np.append(new, rows.size)) > 1, of_air, noise, resolution)
         spiked = _spikes(reading[rows], new, swing * share, noise, resolution)
         if lagging is not None and spiked.any():
             spiked &= _spikes(lagging[rows], new, swing * share, noise, resolution)
-        absurd = lone | spiked
-        if felt is not None and absurd.any():
-            absurd &= ~_felt(reading[rows[new]], felt, rows[new], noise, resolution)
-        implausible[rows] = np.repeat(absurd, np.diff(np.append(new, rows.size)))
+        implausible[rows] = np.repeat(lone | (spiked & ~of_air), np.diff(np.append(new, rows.size)))
     believed &= ~implausible
     by_steps = stairs(reading[np.flatnonzero(believed)], resolution, noise)
     spikes = implausible & (reading >= possible.low) & (reading <= possible.high)
@@ -487,17 +487,21 @@ def screen(
     return Screened(usable, missing, repeated, implausible, resolution, stretches.louder, capped)
 
 
-def _lone(values: Array, again: Mask, noise: float, resolution: float) -> Mask:
-    """Which of the values (n,), some of them held for several rows (`again`), stand alone against the median around.
+def _lone(values: Array, again: Mask, of_air: Mask, noise: float, resolution: float) -> Mask:
+    """Which of the values (n,), some of them held for several rows (`again`), stand alone against the median around;
+    none that is known to be `of_air` (n,).
 
     One that does moves the medians of its neighbours, and is left out before these are judged: on a front that goes one
     way none is off its median.
     """
     # the turning point of a fast change is off the median too, but its neighbours share it
-    step = np.abs(np.diff(values, prepend=values[0]))
-    after = np.append(step[1:], 0.0)
-    jump = np.where(again, np.minimum(step, after), np.maximum(step, after))
-    lone, suspect = np.zeros(values.size, dtype=bool), _unusual(jump, noise, resolution)
+    step = np.diff(values, prepend=values[0], append=values[-1])
+    sizes = np.stack([np.abs(step[:-1]), np.abs(step[1:])])
+    least, most = sizes.min(axis=0), sizes.max(axis=0)
+    jump = np.where(again, least, most)
+    lone, suspect = np.zeros(values.size, dtype=bool), ~of_air & _unusual(jump, noise, resolution)
+    # nor is one alone that lies on the way from one of its neighbours to the other
+    suspect &= (step[:-1] * step[1:] <= 0.0) | (least < ON_THE_WAY * most)
     if not suspect.any():
         return lone
     off = np.abs(values - _around(values, MEDIAN_WIDTH))
@@ -513,7 +517,9 @@ def _lone(values: Array, again: Mask, noise: float, resolution: float) -> Mask:
         on_the_way = np.ones(values.size, dtype=bool)
         on_the_way[left] = (step[:-1] * step[1:] > 0.0) & (off[left] <= LONE_SIGMAS * np.hypot(noise, resolution))
         suspect &= ~on_the_way
-    return lone
+    # one between two of them that is as far off goes with them
+    between = np.pad(lone, 1)[:-2] & np.pad(lone, 1)[2:] & ~lone
+    return np.asarray(lone | (between & (sizes[0] < WORST_SHARE * off)))
 
 
 def _felt(values: Array, felt: Felt, rows: NDArray[np.int64], noise: float, resolution: float) -> Mask:
@@ -526,7 +532,7 @@ def _felt(values: Array, felt: Felt, rows: NDArray[np.int64], noise: float, reso
         off, beside = (one - _around(one, MEDIAN_WIDTH) for one in (values[known], other))
         unsure = np.sqrt(noise**2 + resolution**2 + felt.noise**2 + felt.resolution**2)
         share = np.divide(beside, off, out=np.zeros(off.shape), where=np.abs(off) > LONE_SIGMAS * unsure)
-        seen[known] = (share > LEAST_FELT) & (share < 1.0 / LEAST_FELT)
+        seen[known] = (share > FELT_SHARE) & (share < 1.0 / FELT_SHARE)
     return seen
 
 

@@ -196,7 +196,8 @@ def _burst(reading: Array, rows: NDArray[np.int64], usual: float, felt: Felt | N
     alive = scatter(other) > ALIVE_SHARE * felt.noise
 
     def least(window: int) -> Array:
-        most = np.maximum(scatter(other, window), max(felt.noise, felt.resolution))
+        # a few rows tell it badly, and what is loud is so with the rows beside it
+        most = np.maximum(maximum_filter1d(scatter(other, window), 3), max(felt.noise, felt.resolution))
         return np.where(alive, most / FELT_SHARE, np.inf)
 
     # where nothing was felt, as among the rows around

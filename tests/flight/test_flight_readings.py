@@ -209,6 +209,25 @@ def test_a_plume_beside_missing_rows_that_the_film_felt_is_no_absurd_reading():
     assert np.flatnonzero(found.implausible).tolist() == [150, 151]
 
 
+def test_a_plume_that_is_read_every_second_is_not_alone():
+    """Its flanks lie on the way from one neighbour to the other. Before: five of its rows were taken for absurd."""
+    plume = [21.71, 22.01, 22.22, 22.5, 23.03, 23.94, 24.77, 24.34, 22.94, 21.58, 20.82, 20.13]
+    reading = np.round(20.0 + 0.02 * np.random.default_rng(5).standard_normal(240), 2)
+    reading[89:101] = plume
+    reading[[60, 88]] = 29.0, np.nan
+    found = screen(np.arange(240.0), reading, RANGES["temperature_c"], 0.02, share=0.98, swing=15.0)
+    assert np.flatnonzero(found.implausible).tolist() == [60]
+
+
+def test_a_reading_between_two_absurd_ones_that_is_as_far_off_goes_with_them():
+    """Three rows in degF before a gap; the middle one jumps from neither. Before: it stayed, and the gap was a line."""
+    reading = np.round(14.2 + 0.02 * np.random.default_rng(5).standard_normal(2400), 2)
+    reading[1190:1193] = 57.6, 57.5, 57.6
+    reading[1193:1460] = np.nan
+    found = screen(0.1 * np.arange(2400), reading, RANGES["temperature_c"], 0.02, share=0.27, swing=15.0)
+    assert np.flatnonzero(found.implausible).tolist() == [1190, 1191, 1192]
+
+
 def test_two_absurd_readings_close_together_are_no_burst_of_noise():
     """Before: 20 rows around them were taken for noise, and the air there for the line between those beside."""
     rng, row = np.random.default_rng(3), np.arange(240)
@@ -474,14 +493,14 @@ def test_columns_that_change_back_as_one_of_them_becomes_a_code_are_told_up_to_t
 def test_damaged_flights_give_nothing_that_cannot_be():
     """A fixed sample of benchmarks/fuzz_flights.py, which flies a million rows."""
     fuzz = benchmark("fuzz_flights")
-    # the last twenty: a door in a slow log, bursts in humidity, in temperature, a ceiling, bursts among steps, in
+    # the last twenty-three: a door in a slow log, bursts in humidity, in temperature, a ceiling, bursts among steps, in
     # warm air, a code up to a door, a jump in a gap at 2 Hz, a burst at 2 Hz, ceilings in a steady layer, up to a log's
     # end, a burst with a row that is quiet by chance, a restart, absurd readings together, a plume beside missing rows,
     # columns that change back as one becomes a code, after a stuck sensor went on, or with a door in them, a film that
-    # is stuck in plumes
+    # is stuck in plumes, a plume every second, gusts that the film felt, rows in degF before a gap
     first = (3, 64, 108, 129, 280, 20182, 101094, 101182, 101402, 101225)
     more = (151154, 151379, 151040, 153216, 153323, 152458, 152482, 154433, 154205)
-    for seed in (*first, *more, 158047, 158059, 159023, 159219, 159266, 160054, 160224):
+    for seed in (*first, *more, 158047, 158059, 159023, 159219, 159266, 160054, 160224, 170223, 170072, 170019):
         found = fuzz.judged(seed, list(fuzz.DAMAGE))
         for channel in fuzz.CHANNELS:
             assert found[channel]["outside"] == 0 and found[channel]["no_reading"] == 0, found
