@@ -185,7 +185,7 @@ def main(argv: list[str] | None = None) -> int:
     for real in (s for s in sets if args.only in s.name):
         try:
             found = judge_set(real, logs, args.keep, args.limit)
-        except FileNotFoundError as error:
+        except OSError as error:  # scipy says no more than that of a missing file
             print(f"{real.name}: not judged: {error}", flush=True)
             continue
         print("\n".join(report(real, found)), flush=True)

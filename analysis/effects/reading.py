@@ -170,8 +170,9 @@ CALIBRATION_ERROR = Effect(
     equation="reading = true (1 + gain) + offset",
     source="two-point calibration",
     parameters=(
-        Parameter("gain", "1", -0.3, 0.3, (0.0,), percent=True),
-        Parameter("offset", "channel's unit", -15.0, 15.0, (0.0,)),
+        # Wide, as the line of a sensor is that stands further from what changes the air than the reference does.
+        Parameter("gain", "1", -0.95, 1.0, (0.0,), percent=True),
+        Parameter("offset", "channel's unit", -100.0, 100.0, (0.0,)),
     ),
     apply=_miscalibrated,
     words=Words(

@@ -132,3 +132,26 @@ def test_two_lags_and_a_slow_share_are_found_from_starts_that_nobody_marked(tmp_
     assert values["series_lag"]["time_constant_s"][0] == pytest.approx(9.0, rel=0.15)
     assert values["parallel_lag"]["time_constant_s"][0] == pytest.approx(90.0, rel=0.1)
     assert found.gain.after < 0.1 < found.gain.before
+
+
+def test_a_sensor_that_follows_a_third_of_what_its_reference_shows_lies_on_a_line(tmp_path):
+    """Beside a heater that goes from one temperature to another, it shows 36 % of its warming with a lag of 150 s."""
+    random, time = np.random.default_rng(4), np.arange(0.0, 2000.0, 5.0)
+    for run, (first_c, last_c) in enumerate(((20.0, 74.0), (35.0, 60.0), (70.0, 28.0)), 1):
+        since = np.maximum(time - 60.0, 0.0)
+        air = last_c + (first_c - last_c) * np.exp(-since / 300.0)
+        behind = (300.0 * np.exp(-since / 300.0) - 150.0 * np.exp(-since / 150.0)) / 150.0
+        shown = 12.8 + 0.36 * (last_c + (first_c - last_c) * behind) + random.normal(0.0, 0.1, time.size)
+        home = tmp_path / "runs" / f"{run:04d}"
+        home.mkdir(parents=True)
+        for name, values in (("imet", shown), ("air", air + random.normal(0.0, 0.02, time.size))):
+            table = np.column_stack([time, values])
+            np.savetxt(home / f"{name}.csv", table, "%.3f", ",", header="time_s,temperature_c", comments="")
+        head = {"format": "shock-run/1", "id": home.name, "reference": {"temperature_standard_uncertainty_k": 0.5}}
+        (home / "run.json").write_text(json.dumps(head))
+    head = {"format": "shock-campaign/1", "name": "bar", "sensors": {"imet": {"kind": "as logged", "body": "lumped"}}}
+    (tmp_path / "campaign.json").write_text(json.dumps(head))
+    found = diagnose_channel(build_channel(read_campaign(tmp_path), "temperature"))
+    assert [cause.effect for cause in found.causes] == ["calibration_error"]
+    assert found.causes[0].parameters["gain"][0] == pytest.approx(-0.64, abs=0.02)
+    assert found.gain.after < 0.15 < 1.0 < found.gain.before
