@@ -213,6 +213,8 @@ def _hum(channel: Channel, pieces: list[_Plateau]) -> Discovered | None:
     lasts_s = float(np.median([p.time_s[-1] - p.time_s[0] for p in pieces]))
     width = 1.0 / lasts_s
     grid = np.arange(2.0 * width, 0.5 / channel.sampling_period_s, width / PER_WIDTH)
+    if not grid.size:  # plateaus of a few readings
+        return None
     squares, _ = _amplitudes(pieces, grid)
     power = squares / np.median(squares, axis=1, keepdims=True)
     run = np.array([p.run for p in pieces])

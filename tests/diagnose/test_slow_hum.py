@@ -69,8 +69,10 @@ def test_wandering_noise_is_no_hum(seed, tmp_path):
     assert judged.passed and check.p > 1e-4
 
 
-def test_plateaus_that_mostly_repeat_a_value_have_no_hum(tmp_path):
+def test_plateaus_that_mostly_repeat_a_value_or_end_at_once_have_no_hum(tmp_path):
     channel = recorded(tmp_path, 3)
     time_s = np.arange(0.0, 40.0, 0.1)
     still = [restless._Plateau(run, time_s, np.where(time_s < 1.0, 0.01, 0.0)) for run in range(8)]
     assert restless._hum(channel, still) is None
+    short = [restless._Plateau(run, time_s[:3], np.array([0.0, 0.1, -0.1])) for run in range(8)]
+    assert restless._hum(channel, short) is None
