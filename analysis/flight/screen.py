@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter
 from scipy.special import bdtrc
 
-from shockrig.analysis.flight.stretches import FELT_SHARE, Felt, judge, within
+from shockrig.analysis.flight.stretches import FELT_SHARE, Felt, judge, scatter, within
 from shockrig.analysis.flight.sweep import COARSE_IN_NOISE
 from shockrig.files.flight import Flight
 from shockrig.files.numbers import counted
@@ -254,6 +254,7 @@ def code_notes(codes: Mapping[str, Mask | int]) -> list[str]:
 
 MEDIAN_WIDTH = 11  # a burst of up to 5 absurd samples in a row is seen
 LONE_SIGMAS = 10.0  # of what is usual over the flight
+FELT_SIGMAS = 3.0  # of the noise that the other sensor shows around
 ON_THE_WAY = 0.25  # of the larger step beside a reading, that the smaller one goes on by
 WORST_SHARE = 0.5  # of what the farthest reading around is off: those go together
 SPIKE_STEPS = 3.0  # of the log: rounding at both ends, and one for the air
@@ -532,7 +533,9 @@ def _felt(values: Array, felt: Felt, rows: NDArray[np.int64], noise: float, reso
         off, beside = (one - _around(one, MEDIAN_WIDTH) for one in (values[known], other))
         unsure = np.sqrt(noise**2 + resolution**2 + felt.noise**2 + felt.resolution**2)
         share = np.divide(beside, off, out=np.zeros(off.shape), where=np.abs(off) > LONE_SIGMAS * unsure)
-        seen[known] = (share > FELT_SHARE) & (share < 1.0 / FELT_SHARE)
+        # what a sensor in a burst of its own shows is nothing that it felt
+        felt_so = np.abs(beside) > FELT_SIGMAS * scatter(other) if known.size > MEDIAN_WIDTH else np.abs(beside) > 0.0
+        seen[known] = felt_so & (share > FELT_SHARE) & (share < 1.0 / FELT_SHARE)
     return seen
 
 

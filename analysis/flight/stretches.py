@@ -65,7 +65,7 @@ def felt_jumps(felt: Felt, time_s: Array, told: Mask) -> Array:
     size = np.abs(np.diff(felt.reading[rows]))
     if size.size < WINDOW_ROWS:
         return np.zeros(0)
-    least = JUMP_IN_NOISE * float(np.hypot(max(felt.noise, TO_SIGMA * np.median(size)), felt.resolution))
+    least = JUMP_IN_NOISE * np.hypot(np.maximum(felt.noise, scatter(felt.reading[rows])[1:]), felt.resolution)
     beside = np.maximum(np.append(size[1:], 0.0), np.append(0.0, size[:-1]))
     first, last = rows[:-1], rows[1:]
     jumped = (size > least) & (beside < BESIDE_SHARE * size) & (last - first == 1) & ~(told[first] & told[last])

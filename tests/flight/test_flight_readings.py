@@ -209,6 +209,18 @@ def test_a_plume_beside_missing_rows_that_the_film_felt_is_no_absurd_reading():
     assert np.flatnonzero(found.implausible).tolist() == [150, 151]
 
 
+def test_a_film_in_a_burst_of_its_own_felt_nothing():
+    """It happens to be off as the absurd reading is, amid readings that are off by as much."""
+    rng, row = np.random.default_rng(3), np.arange(240)
+    reading = np.round(20.0 + 0.02 * rng.standard_normal(240), 2)
+    felt = reading + np.where(abs(row - 120) < 15, 2.0, 0.0) * rng.standard_normal(240)
+    reading[120] += 2.0
+    felt[120] = 22.0
+    beside = Felt(felt, 0.02, 0.002)
+    found = screen(row.astype(float), reading, RANGES["temperature_c"], 0.02, share=0.98, swing=15.0, felt=beside)
+    assert np.flatnonzero(found.implausible).tolist() == [120]
+
+
 def test_a_plume_that_is_read_every_second_is_not_alone():
     """Its flanks lie on the way from one neighbour to the other. Before: five of its rows were taken for absurd."""
     plume = [21.71, 22.01, 22.22, 22.5, 23.03, 23.94, 24.77, 24.34, 22.94, 21.58, 20.82, 20.13]
