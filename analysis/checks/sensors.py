@@ -19,19 +19,19 @@ from shockrig.analysis.checks.signals import (
     ColumnSeen,
     stated,
 )
-from shockrig.analysis.checks.units import is_kelvin
+from shockrig.analysis.checks.units import in_kelvin
 from shockrig.files.campaign import Run
 
 
 def impossible_readings(view: CampaignView) -> Iterator[InputFinding]:
     """Columns most of whose readings were dropped as beyond what a sensor can give (kelvin is named as such)."""
     for sensor, column in (("imet", TEMPERATURE), ("hyt", HUMIDITY)):
-        lost = {}
+        lost, kelvin = {}, in_kelvin(view, sensor)
         for run in view.campaign.runs:
             trace = getattr(run, sensor)
             if trace is None or trace.dropped.get("implausible", 0) <= trace.time_s.size:
                 continue
-            odd = [(n, x) for n, x in trace.impossible.items() if not (n == "temperature_c" and is_kelvin(x))]
+            odd = [(n, x) for n, x in trace.impossible.items() if not (n == "temperature_c" and run.id in kelvin)]
             if odd:
                 lost[run.id] = odd[0]
         if lost:

@@ -29,6 +29,7 @@ from shockrig.analysis.checks.signals import (
 )
 from shockrig.analysis.physics.humidity import dew_point_c
 from shockrig.files.campaign import Run
+from shockrig.files.traces import Trace
 
 RUN_JSON = "run.json"
 Plateaus = tuple[float | None, float | None]
@@ -118,17 +119,7 @@ def everything_in_fahrenheit(view: CampaignView) -> Iterator[InputFinding]:
 def everything_in_kelvin(view: CampaignView) -> Iterator[InputFinding]:
     """Temperatures in kelvin: the reader drops them as beyond what can be, and keeps their median."""
     for sensor, column in (("imet", TEMPERATURE), ("hyt", DIE)):
-        medians = {}
-        for run in view.campaign.runs:
-            trace = getattr(run, sensor)
-            if trace is None:
-                continue
-            readings = trace.values.get("temperature_c", np.array([]))
-            lost = trace.impossible.get("temperature_c", np.nan)
-            if trace.dropped.get("implausible", 0) <= trace.time_s.size:
-                lost = float(np.nanmedian(readings)) if np.isfinite(readings).any() else np.nan
-            if is_kelvin(lost):
-                medians[run.id] = lost
+        medians = in_kelvin(view, sensor)
         if medians:
             value = float(np.median(list(medians.values())))
             yield InputFinding(
@@ -139,6 +130,27 @@ def everything_in_kelvin(view: CampaignView) -> Iterator[InputFinding]:
                 f"The temperatures in {FILES[column]} of {view.words(medians)} seem to be in kelvin "
                 f"(median {value:.1f}): {KELVIN.remedy}, {value - 273.15:.1f} °C.",
             )
+
+
+def in_kelvin(view: CampaignView, sensor: str) -> dict[str, float]:
+    """Median temperature of each run of a sensor that seems to be in kelvin: no air has it in °C, and it lies nearer
+    to what the sensor's other runs read once it is converted."""
+    medians = {run.id: _median_c(getattr(run, sensor)) for run in view.campaign.runs}
+    usual = np.array([m for m in medians.values() if np.isfinite(m) and not _may_be_kelvin(m)])
+    middle = float(np.median(usual)) if usual.size else -np.inf  # a campaign that is in kelvin throughout
+    return {
+        run: m for run, m in medians.items() if _may_be_kelvin(m) and abs(KELVIN.convert(m) - middle) <= abs(m - middle)
+    }
+
+
+def _median_c(trace: Trace | None) -> float:
+    """Of the temperatures as the file has them, of those that were dropped where most were; NaN without any."""
+    if trace is None:
+        return float("nan")
+    readings = trace.values.get("temperature_c", np.array([]))
+    if trace.dropped.get("implausible", 0) > trace.time_s.size:
+        return float(trace.impossible.get("temperature_c", np.nan))
+    return float(np.nanmedian(readings)) if np.isfinite(readings).any() else float("nan")
 
 
 def everything_a_fraction(view: CampaignView) -> Iterator[InputFinding]:
@@ -162,8 +174,8 @@ def everything_a_fraction(view: CampaignView) -> Iterator[InputFinding]:
     )
 
 
-def is_kelvin(value: float) -> bool:
-    """Whether a temperature that no air has in °C is one in kelvin, from -103 to 127 °C; not where it is NaN."""
+def _may_be_kelvin(value: float) -> bool:
+    """Whether a temperature that no air has in °C may be one in kelvin, from -103 to 127 °C; not where it is NaN."""
     return 170.0 < value < 400.0
 
 

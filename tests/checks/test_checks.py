@@ -347,3 +347,14 @@ def test_cooling_water_is_not_said_to_be_in_milliseconds():
     assert found.severity == "warn" and "what was measured changed so slowly itself" in found.sentence
     named = replace(slow, extra={"imported": {"times": "named"}})
     assert "milliseconds" not in kinds(thermometer(named))
+
+
+@pytest.mark.parametrize("usual_c, lost, kind", [(110.0, 186.0, "dead_sensor"), (20.0, 293.0, "kelvin")])
+def test_a_run_is_in_kelvin_where_that_brings_it_nearer_to_the_others(usual_c, lost, kind):
+    runs = [lag(2.0, noise=0.02, seed=i, name=f"{i}") for i in range(3)]
+    for run in runs:
+        run.imet.values["temperature_c"] += usual_c - 20.0
+    last = runs[2].imet
+    some = replace(last, dropped={"implausible": 2 * last.time_s.size}, impossible={"temperature_c": lost})
+    found = check_campaign(thermometer(*runs[:2], replace(runs[2], imet=some)))
+    assert [f.kind for f in found if f.runs == ("2",) and f.severity == "stop"] == [kind]
