@@ -490,7 +490,8 @@ class StrengthsOfFlight:
             largest = 1.0 if self.stairs else LARGEST_SHARE
         # what lies across a break is not the air's doing
         values = values - np.cumsum(np.where(track.broken, np.diff(values, prepend=values[0]), 0.0))
-        values = np.interp(node_time, node_time[self.ordinary], values[self.ordinary])
+        if self.ordinary.any():  # under a profile that is not this sensor's no value may be
+            values = np.interp(node_time, node_time[self.ordinary], values[self.ordinary])
         if rows.size > SPARSE_SHARE * values.size:
             return _local_priors(values, track.along, track.period_s, self.noise, track.passing, 1, spread, largest)
         # bridges would pass for calm air: the samples alone, as if they were evenly spaced
