@@ -94,8 +94,8 @@ def measure_remainder(
         square = gain.after**2 - gain.noise_floor**2
     else:
         # Another run does not have a rate of its own that was fitted to it.
-        left = left_at_common_rates(channel, found)
-        square = float((channel.count * (left**2 - spread**2)).sum() / channel.count.sum())
+        residual = left_at_common_rates(channel, found)
+        square = float((channel.count * (residual**2 - spread**2)).sum() / channel.count.sum())
     left = np.sqrt(max(square, 0.0))
     return Remainder(
         rms=float(np.hypot(left, adequacy.hidden_rms)),

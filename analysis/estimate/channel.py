@@ -246,6 +246,7 @@ Samples = Sequence[tuple[Array, Array]]
 # (until s after the transfer, width s) for sensors of the tempo that this was laid out for.
 BIN_PLAN = ((2.5, 0.1), (6.0, 0.2), (12.0, 0.4), (24.0, 0.8), (48.0, 1.6), (100.0, 3.2), (1e9, 10.0))
 BEFORE_S = 1.2  # width of a bin of the plateau before the transfer
+STARTS_WITHIN = 3.0  # standard deviations of a start that nobody recorded, within which it is looked for
 NEAR_S = 0.3  # before the transfer within which samples stand singly
 FINE_BIN_WIDTHS = (
     0.015,

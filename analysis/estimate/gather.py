@@ -16,6 +16,7 @@ from scipy import optimize
 
 from shockrig.analysis.estimate.channel import (
     AMBIENT_WIDTH_K,
+    STARTS_WITHIN,
     Channel,
     LeftOut,
     between_ambients,
@@ -445,7 +446,7 @@ def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
         )
     else:
         fine = fine_width(samples, quantity.resolution)
-        open_s = 3.0 * float(np.where(conditions.start_known, 0.0, conditions.start_scatter_s).max())
+        open_s = STARTS_WITHIN * float(np.where(conditions.start_known, 0.0, conditions.start_scatter_s).max())
         edges = edges_after_transfer(first, last, period, tempo, half_s, fine, min(open_s, -first))
     off_s = 0.0 if campaign.common is None else campaign.common.trigger_offset_s
     bin_of = place(samples, edges, np.hypot(conditions.start_scatter_s, off_s))

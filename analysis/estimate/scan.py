@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, differential_evolution
 
-from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.channel import STARTS_WITHIN, Channel
 from shockrig.analysis.estimate.fit import Fit, fit, objective_at, run_misfit, with_airs
 from shockrig.analysis.estimate.model import LOG_RATE_BOUNDS, PLAIN, Model, Point, Structure
 from shockrig.analysis.estimate.problem import Problem
@@ -33,7 +33,7 @@ RATES_TRIED = 60
 USUAL_SCATTER_S = 0.5  # of a start that was estimated
 LATE_S = np.arange(-0.8, 0.81, 0.04)  # starts that are tried beside it
 STUCK_MEAN_SQUARE = 1.7  # mean square of a run's whitened residuals from which its start is looked for anew
-START_GRID = np.linspace(-3.0, 3.0, 25)  # in standard deviations of a start
+START_GRID = np.linspace(-STARTS_WITHIN, STARTS_WITHIN, 25)  # in standard deviations of a start
 PLAINLY_WRONG = 3.0  # objective per bin from which a fit's deviations mean nothing
 MOST_SCANS = 3  # for starts that nobody recorded, each from where the fit before ended
 

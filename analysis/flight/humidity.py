@@ -50,7 +50,7 @@ from shockrig.analysis.flight.response import LagResponse, film_response, unsure
 from shockrig.analysis.flight.screen import Screened, resolution_of, screen
 from shockrig.analysis.flight.smooth_channel import LONGEST_BRIDGE_S, Estimate, typical_period
 from shockrig.analysis.flight.smoother import followed
-from shockrig.analysis.flight.stretches import MOST_SHARE, Felt, fastest, largest_share
+from shockrig.analysis.flight.stretches import MOST_SHARE, TO_SIGMA, Felt, fastest, largest_share
 from shockrig.analysis.flight.sweep import lags_behind
 from shockrig.analysis.flight.unread import where_unread
 from shockrig.analysis.physics.exchange import Stream
@@ -83,7 +83,6 @@ BELIEVED_LOG_ODDS = 3.0  # of log-odds: one in twenty
 FORGOTTEN_LAGS = 50.0  # of the film
 ENDS_NOISE = np.sqrt(5.0)  # of white noise, of a change less half of those before and after
 THIRDS_NOISE = 6.0 / np.sqrt(np.pi)  # and what three of them go in all
-TO_SIGMA = 1.4826  # of the median of absolute values
 LEAST_PERCENT = 1.0  # drier air says nothing
 
 
@@ -620,7 +619,7 @@ def _coupling(
     agree = float(np.mean(np.sign(a) * np.sign(b)))
     chance = lag / time_s.size  # variance of the mean sign, one independent pair every `lag` samples
     agree *= max(1.0 - chance / max(agree**2, chance), 0.0)
-    error = 0.5 * float(np.median(sigma)) / (1.4826 * width_b)
+    error = 0.5 * float(np.median(sigma)) / (TO_SIGMA * width_b)
     slope = np.sin(0.5 * np.pi * agree) * width_a / width_b * max(1.0 - error**2, 0.0)
     return float(np.clip(-slope / np.median(percent_per_k), -MOST_COUPLING, MOST_COUPLING))
 

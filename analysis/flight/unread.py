@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.flight.channel import LONGEST_FILL_S, FlightReadings
 from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
+from shockrig.analysis.flight.stretches import TO_SIGMA
 from shockrig.analysis.flight.sweep import lags_behind
 
 Array = NDArray[np.float64]
@@ -25,7 +26,6 @@ FEWEST_BLOCKS = 4  # that tell of it
 LEAST_MOVED = 0.25  # of what the temperature moves by in the usual block; where it moves less, little is told
 MOVED_SIGMAS = 2.0  # and of what it is unsure by
 SURE_SIGMAS = 2.0
-TO_SIGMA = 1.4826  # of the median of absolute values
 OF_MEDIAN = 1.25  # times the standard error of a mean is that of a median
 
 
