@@ -324,13 +324,14 @@ def _between(
 
 
 def _stood(values: Array, lagging: Array, lone: NDArray[np.int64], resolution: float) -> Mask:
-    """Rows (n,) over which readings stood on a level, though what is `lagging` would have had to move for that, up to
-    one of the `lone` jumps: the sensor, or the logger, was stuck, and went on."""
+    """Rows (n,) over which readings stood on a level, though what is `lagging` would have had to move for that by more
+    than they did and their steps hide, up to one of the `lone` jumps: the sensor, or the logger, was stuck, and went
+    on."""
     stood = np.zeros(values.size, dtype=bool)
     for k in lone.tolist():
         moved = np.flatnonzero(np.abs(values[:k] - values[k - 1]) > STUCK_LEVELS * resolution)
         first = int(moved[-1]) + 1 if moved.size else 0
-        stood[first:k] |= k > first + 1 and np.ptp(lagging[first:k]) > JUMP_IN_STEPS * resolution
+        stood[first:k] |= k > first + 1 and np.ptp(lagging[first:k]) > np.ptp(values[first:k]) + resolution
     return stood
 
 

@@ -168,7 +168,7 @@ def test_when_the_air_jumped_while_the_bead_was_not_read_is_told_by_the_film(val
     assert rms(done.temperature_c - air) < 0.3
 
 
-@pytest.mark.parametrize("warming_k", [3.0, 0.0])
+@pytest.mark.parametrize("warming_k", [3.0, 0.5, 0.0])
 def test_a_film_that_stood_while_the_temperature_moved_is_not_believed_up_to_its_jump(warming_k):
     """Its steps are too coarse for noise to tell; calm air in front of a jump of another kind is left alone."""
     rng, row = np.random.default_rng(3), np.arange(900)
