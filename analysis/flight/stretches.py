@@ -143,7 +143,9 @@ def judge(
     values = reading[rows]
     third = scatter(values)
     if lagging is not None:
-        found.stood[rows] = _stood(values, lagging[rows], lone, resolution)
+        found.stood[rows] = _stood(values, lone, resolution, _as_vapour(values, lagging[rows], resolution))
+    elif felt is not None:
+        found.stood[rows] = _stood(values, lone, resolution, _as_felt(felt, rows, resolution))
     found.stuck[rows] = held = _stuck(values, resolution, noise, third)
     if share > MOST_SHARE and felt is None:
         return found
@@ -323,16 +325,46 @@ def _between(
     return away, alone
 
 
-def _stood(values: Array, lagging: Array, lone: NDArray[np.int64], resolution: float) -> Mask:
-    """Rows (n,) over which readings stood on a level, though what is `lagging` would have had to move for that by more
-    than they did and their steps hide, up to one of the `lone` jumps: the sensor, or the logger, was stuck, and went
-    on."""
+def _stood(
+    values: Array, lone: NDArray[np.int64], resolution: float, had_to_move: Callable[[slice, float], Mask]
+) -> Mask:
+    """Rows (n,) over which readings stood on a level up to one of the `lone` jumps, from where on they `had_to_move`,
+    with such a jump behind them: the sensor, or the logger, was stuck, and went on."""
     stood = np.zeros(values.size, dtype=bool)
     for k in lone.tolist():
-        moved = np.flatnonzero(np.abs(values[:k] - values[k - 1]) > STUCK_LEVELS * resolution)
-        first = int(moved[-1]) + 1 if moved.size else 0
-        stood[first:k] |= k > first + 1 and np.ptp(lagging[first:k]) > np.ptp(values[first:k]) + resolution
+        level = np.median(values[max(k - WINDOW_ROWS, 0) : k])
+        moved = np.flatnonzero(np.abs(values[:k] - level) > STUCK_LEVELS * resolution)
+        stand = slice(int(moved[-1]) + 1 if moved.size else 0, k)
+        if stand.start < k - 1:
+            stood[stand] |= had_to_move(stand, values[k] - level)
     return stood
+
+
+def _as_vapour(values: Array, lagging: Array, resolution: float) -> Callable[[slice, float], Mask]:
+    """All rows, where what is `lagging` (n,) has had to move for readings (n,) to stand, by more than these did and
+    their steps hide."""
+
+    def had_to_move(stand: slice, jump: float) -> Mask:
+        moved = np.ptp(lagging[stand]) > np.ptp(values[stand]) + resolution
+        return np.full(stand.stop - stand.start, moved)
+
+    return had_to_move
+
+
+def _as_felt(felt: Felt, rows: NDArray[np.int64], resolution: float) -> Callable[[slice, float], Mask]:
+    """Where another sensor has felt the way, over some of the `rows` (m,), that the jump behind these makes up for."""
+
+    def had_to_move(stand: slice, jump: float) -> Mask:
+        seen = felt.reading[rows[stand]]
+        known = np.flatnonzero(np.isfinite(seen))
+        if known.size < 2 * WINDOW_ROWS:
+            return np.zeros(seen.shape, dtype=bool)
+        calm = np.interp(np.arange(seen.size), known, median_filter(seen[known], WINDOW_ROWS, mode="nearest"))
+        gone = np.abs(calm - calm[0])
+        still = np.flatnonzero(gone < resolution + np.hypot(felt.resolution, felt.noise))
+        return (np.arange(seen.size) > still[-1]) & (FELT_SHARE < (calm[-1] - calm[0]) / jump < 1.0 / FELT_SHARE)
+
+    return had_to_move
 
 
 def _stuck(values: Array, resolution: float, noise: float, scatter: Array) -> Mask:

@@ -180,6 +180,19 @@ def test_a_film_that_stood_while_the_temperature_moved_is_not_believed_up_to_its
     assert found.usable[400:600].any() == (warming_k == 0.0) and found.repeated[400:600].all() == (warming_k > 0.0)
 
 
+@pytest.mark.parametrize("cooling_k", [6.0, 0.0])
+def test_a_bead_that_stood_while_the_film_felt_the_air_cool_is_not_believed_up_to_its_jump(cooling_k):
+    """It was on that level before as well: until the film felt otherwise, its readings are as good as any."""
+    rng, row = np.random.default_rng(3), np.arange(900)
+    air = np.where(row < 300, 19.0 + 0.01 * row, 22.0 - cooling_k * np.clip((row - 400) / 150, 0.0, 1.0))
+    bead = np.where((row < 400) | (row >= 600), np.where(row < 600, air, 16.0), 22.0)
+    reading = np.round(bead / 0.5) * 0.5
+    felt = Felt(air + 0.02 * rng.standard_normal(900), 0.02, 0.0)
+    found = screen(0.1 * row, reading, RANGES["temperature_c"], 0.02, share=0.27, swing=15.0, felt=felt)
+    assert found.usable[:400].all() and found.usable[600:].all()
+    assert found.repeated[440:600].all() == (cooling_k > 0.0) and found.usable[440:600].all() == (cooling_k == 0.0)
+
+
 def test_readings_between_two_jumps_that_no_lag_lets_through_are_implausible():
     done = correct(flight(temperature_c=lambda v: put(slice(500, 540), 1.8 * v[500:540] + 32.0)(v)), PROFILE)
     assert done.flags["implausible"][500:540].all() and np.count_nonzero(done.flags["implausible"]) == 40
