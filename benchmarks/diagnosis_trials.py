@@ -90,7 +90,7 @@ def gain_on(campaign, found) -> float | None:
         return None  # an ambient is missing in one of the two
     problem = prepare(channel, found.noise.averaged).problem
     before = run_errors(channel, problem, plainly(found.plain))
-    after = run_errors(channel, problem, found.final)
+    after = run_errors(channel, problem, found.predicting.fit)
     return summarise(before, after, found.noise.standard_deviation, kinds(channel)).explained_fraction
 
 

@@ -162,7 +162,7 @@ def fresh_gain(channel: Channel | None, found: ChannelDiagnosis) -> float | None
         return None
     problem = prepare(channel, found.noise.averaged).problem
     before = run_errors(channel, problem, plainly(found.plain))
-    after = run_errors(channel, problem, found.final)
+    after = run_errors(channel, problem, found.predicting.fit)
     return summarise(before, after, found.noise.standard_deviation, kinds(channel)).explained_fraction
 
 
@@ -174,7 +174,8 @@ def errors(channel: Channel | None, found: ChannelDiagnosis) -> tuple[float, flo
     if channel is None or channel.rates != found.problem.channel.rates:
         return None
     problem = prepare(channel, found.noise.averaged).problem
-    return tuple(float(np.sqrt(run_errors(channel, problem, one).mean())) for one in (found.plain, found.final))
+    fits = (found.plain, found.predicting.fit)
+    return tuple(float(np.sqrt(run_errors(channel, problem, one).mean())) for one in fits)
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -157,7 +157,8 @@ def fresh_run_errors(outcome: Outcome, campaign: str | Path, channel: str) -> tu
     used = np.isin([run.id for run in recorded.runs], fresh.run_ids)
     before, after = np.full((2, used.size), np.nan)
     before[used] = run_errors(fresh, problem, plainly(found.plain))
-    after[used] = run_errors(fresh, problem, found.final) if found.final.structure.effects else before[used]
+    fit = found.predicting.fit
+    after[used] = run_errors(fresh, problem, fit) if fit.structure.effects else before[used]
     return before, after
 
 

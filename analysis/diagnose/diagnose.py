@@ -7,24 +7,25 @@ how probable an effect is, the weight of all models that hold it.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shockrig.analysis.characterize.shifts import widened
 from shockrig.analysis.checks.check import Checked, checked
 from shockrig.analysis.checks.finding import InputFinding
 from shockrig.analysis.diagnose.adequacy import describe, judge
 from shockrig.analysis.diagnose.candidates import at_bound
-from shockrig.analysis.diagnose.diagnosed import NO_STEP, Cause, ChannelDiagnosis, Diagnosis, Tried
+from shockrig.analysis.diagnose.diagnosed import NO_STEP, Cause, ChannelDiagnosis, Diagnosis, Predicting, Tried
 from shockrig.analysis.diagnose.experiments import propose, unseen
-from shockrig.analysis.diagnose.gain import Gain, measure_gain
+from shockrig.analysis.diagnose.gain import Gain, HeldOutPart, held_out_parts, held_out_squares, measure_gain
 from shockrig.analysis.diagnose.grammar import stated
 from shockrig.analysis.diagnose.prepare import Prepared, likelier_average, prepare, with_rounding
 from shockrig.analysis.diagnose.remainder import Tolerance, measure_remainder, predicted_badly
 from shockrig.analysis.diagnose.restless import nothing_else, restless, without_hum
-from shockrig.analysis.diagnose.search import Earlier, Search, first_look, search
+from shockrig.analysis.diagnose.search import Earlier, Rated, Search, first_look, search
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.diagnose.verdict import Standing, verdict
 from shockrig.analysis.effects import CATALOGUE
@@ -33,15 +34,21 @@ from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import Fit
 from shockrig.analysis.estimate.gather import build_channel, usable_runs, why_none
 from shockrig.analysis.estimate.predictive import as_stated, bumps
+from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, looked_for
 from shockrig.analysis.estimate.seen import FEW_RUNS
 from shockrig.files.campaign import Campaign
 from shockrig.files.diagnosis import StatedDiagnosis
+from shockrig.files.diagnosis_data import Discovered
 from shockrig.files.errors import InputError
 from shockrig.files.numbers import counted
 
 # What a channel's runs cannot tell, whatever is in them: said before anything is fitted.
 
+Array = NDArray[np.float64]
+
+MOST_PREDICTING = 8  # models of the largest weight that are tried on runs held out
+TINY = 1e-30
 MOST_IN_PLACE = 3  # models tied with one that runs held out refute, that are tried in its place
 SAME_AIRFLOW = 1.2  # ratio between airflows below which they are one
 
@@ -164,6 +171,7 @@ def has_repeats(channel: Channel) -> bool:
 
 
 Progress = Callable[[str], None]
+SETTLED = ("adequate", "explained")  # verdicts of a model that leaves nothing which another could predict
 PARTED = "another_sensor"  # kind of the input's finding that runs fall into groups
 
 
@@ -206,11 +214,12 @@ def diagnose_channel(
     problem = ready.problem
     progress(f"{channel.name}: measuring the gain on unseen runs")
     tolerance = tolerance or Tolerance()
-    found, gain, unborne = _borne_out(channel, ready, found, tolerance.of(channel.quantity.unit))
+    parts = held_out_parts(channel, problem, found.plain)
+    found, gain, unborne = _borne_out(channel, ready, found, parts, tolerance.of(channel.quantity.unit))
     sigma = found.best.score.discrepancy
     adequacy, plain_adequacy = (judge(problem, one.fit, ready.noise) for one in (found.best, found.plain))
     remainder = measure_remainder(problem, found.best.fit, ready.noise, adequacy, gain, tolerance, sigma)
-    final = widened(problem, as_stated(problem, found.best.fit, bumps(problem), sigma, remainder.significant))
+    final = _final(problem, found.best, remainder.significant)
     matters = remainder.significant and remainder.material
     bursts = restless(problem.channel, adequacy) if matters else ()
     causes = _causes(ready, found, final)
@@ -230,6 +239,7 @@ def diagnose_channel(
     )
     said = verdict(standing)
     told = matters or said == "unexplained"
+    stands = Predicting(found.best, final, causes, (*forms, *shown))
     return ChannelDiagnosis(
         name=channel.name,
         verdict=said,
@@ -244,6 +254,7 @@ def diagnose_channel(
         noise=ready.noise,
         plain=found.plain.fit,
         final=final,
+        predicting=stands if said in SETTLED else _predicting(channel, ready, parts, found, stands, shown),
         untestable=tuple(
             id_ for id_, effect in CATALOGUE.items() if channel.name in effect.channels and not effect.acts_in(channel)
         ),
@@ -259,15 +270,56 @@ def diagnose_channel(
     )
 
 
+def _final(problem: Problem, model: Rated, than_runs: bool) -> Fit:
+    """A model's fit as it is stated: as uncertain as what it is wrong by, and what it does not carry, make it."""
+    return widened(problem, as_stated(problem, model.fit, bumps(problem), model.score.discrepancy, than_runs))
+
+
+def _predicting(
+    channel: Channel,
+    ready: Prepared,
+    parts: Sequence[HeldOutPart],
+    found: Search,
+    stands: Predicting,
+    shown: tuple[Discovered, ...],
+) -> Predicting:
+    """The model that predicts best: of the heaviest ones, the stated and the plain one, that whose weight over the
+    product of the mean squares of runs held out is largest; where none can be held out, the heaviest.
+
+    A name has to be sure, a prediction only good. Each run counts as two independent errors of unknown size: that is
+    their likelihood, and the weight their prior.
+    """
+    problem, among = ready.problem, {id(one): one for one in (*found.pool[:MOST_PREDICTING], found.best, found.plain)}
+    squares = {key: held_out_squares(channel, problem, parts, one) for key, one in among.items() if parts}
+    told = {key: float(np.log(np.maximum(own, TINY)).sum()) for key, own in squares.items()}
+    told = {key: loss - np.log(max(found.weight(among[key]), TINY)) for key, loss in told.items() if np.isfinite(loss)}
+    model = among[min(told, key=told.__getitem__)] if told else found.pool[0]
+    if model is found.best:
+        return stands
+    fit, stated_so = _final(problem, model, than_runs=True), replace(found, best=model)
+    return Predicting(
+        model,
+        fit,
+        _causes(ready, stated_so, fit),
+        (*stated(problem, stated_so, fit), *shown),
+        (_middle(squares[id(found.best)]), _middle(squares[id(model)])) if told else None,
+    )
+
+
+def _middle(squares: Array) -> float:
+    """Geometric mean of the rms errors of runs [unit]."""
+    return float(np.exp(0.5 * np.log(np.maximum(squares, TINY)).mean()))
+
+
 def _borne_out(
-    channel: Channel, ready: Prepared, found: Search, tolerance: float
+    channel: Channel, ready: Prepared, found: Search, parts: Sequence[HeldOutPart], tolerance: float
 ) -> tuple[Search, Gain, tuple[str, ...]]:
     """The search with the likeliest model that runs held out do not refute, in the end the plain one; what it gains on
     them, and a sentence on the likeliest where it is refuted."""
     problem, unborne = ready.problem, tuple[str, ...]()
     tied = [one for one in found.tied() if one is not found.best and one is not found.plain]
     for one in (found.best, *tied[:MOST_IN_PLACE], found.plain):
-        gain = measure_gain(channel, problem, ready.structure, found.plain, one, ready.noise)
+        gain = measure_gain(channel, problem, parts, ready.structure, one, ready.noise)
         if one is found.plain or not refuted(gain, tolerance):
             break
         unborne = unborne or (why_refuted(gain, channel.quantity.unit),)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from shockrig.analysis.diagnose.adequacy import Adequacy
 from shockrig.analysis.diagnose.gain import Gain
 from shockrig.analysis.diagnose.remainder import Remainder
-from shockrig.analysis.diagnose.search import Search
+from shockrig.analysis.diagnose.search import Rated, Search
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.behaviours import form_of
 from shockrig.analysis.effects.described import described, is_described
@@ -161,6 +161,22 @@ class Tried:
 
 
 @dataclass(frozen=True)
+class Predicting:
+    """The model that predicts, and that the profile carries: the stated one, or one that misses runs held out less and
+    holds effects that are not sure enough to be stated.
+
+    `causes` and `discovered` are its effects; `errors` [unit] are by how much the stated model and this one miss runs
+    held out, geometric means over runs, None where it is the stated one or no run could be held out.
+    """
+
+    model: Rated
+    fit: Fit
+    causes: tuple[Cause, ...]
+    discovered: tuple[Discovered, ...]
+    errors: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
 class ChannelDiagnosis:
     """The verdict on one channel with everything it rests on.
 
@@ -181,6 +197,7 @@ class ChannelDiagnosis:
     noise: Noise
     plain: Fit
     final: Fit
+    predicting: Predicting
     untestable: tuple[str, ...]
     cannot_tell: tuple[str, ...] = ()
     tried: tuple[Tried, ...] = ()
@@ -242,6 +259,7 @@ def _channel(channel: ChannelDiagnosis) -> StatedChannel:
             "cannot_tell": channel.cannot_tell,
             "work": {"fits": channel.search.fits, "ended_early": channel.search.ended_early},
             "models": weighed(channel),
+            "predicting": sorted(channel.predicting.model.ids),
             "explanations": outcome_document(outcome_of(channel)),
             "discrepancy_of_step": channel.search.best.score.discrepancy,
             "tried": [{"effect": tried.effect, "why_not": tried.why} for tried in channel.tried],

@@ -55,36 +55,37 @@ def plain_result(found: ChannelDiagnosis) -> ChannelResult | None:
 
 
 def extended_result(found: ChannelDiagnosis) -> ChannelResult | None:
-    """The channel under the model that carries the named causes (none: the plain one, on all runs)."""
-    rmse = rmse_over_samples(found.problem.channel, found.final)
-    part = Part(found.problem, found.final, rmse, allows_for_misfit=True)
+    """The channel under the model that predicts, on all runs."""
+    fit = found.predicting.fit
+    part = Part(found.problem, fit, rmse_over_samples(found.problem.channel, fit), allows_for_misfit=True)
     rows, undetermined = joint_rows(part, found.noise, "all runs")
     if not rows:
         return None
     wider = _wider(found)
     shown = by_itself(found.problem.channel) if found.verdict == "unexplained" and not found.gain.measured else None
     rows = [_in_doubt(found, row, wider, shown) for row in rows]
-    effects = tuple(stated_cause(cause).as_effect() for cause in found.causes)
+    effects = tuple(stated_cause(cause).as_effect() for cause in found.predicting.causes)
     left_out = [*found.problem.channel.left_out, *undetermined]
-    return channel_result(rows, found.noise, effects, [part], left_out, found.discovered)
+    return channel_result(rows, found.noise, effects, [part], left_out, found.predicting.discovered)
 
 
 def _in_doubt(
     found: ChannelDiagnosis, row: TableRow, wider: Sequence[Fit], shown: tuple[float, float] | None
 ) -> TableRow:
-    """A row as uncertain as the models are apart that are tied with the stated one, each by its weight, and no surer
+    """A row as uncertain as the models are apart that are tied with it or stated, each by its weight, and no surer
     than the models that it is a limit of; `shown` are the times to 63 and 90 % that a single run's readings show.
     """
     channel, search = found.problem.channel, found.search
     ambient = int(np.argmin(np.abs(channel.ambients_c - row.ambient_c)))
-    rivals = search.rivals()
+    own = found.predicting.model
+    rivals = search.rivals() if own is search.best else [one for one in search.tied() if one is not own]
     if not (rivals or wider or shown):
         return row
     fits = (*(one.fit for one in rivals), *wider)
     stated, others = row.response, [response_time(channel, one, ambient) for one in fits]
     times = np.array([[r.t63_s, r.t90_s, r.t98_s] for r in (stated, *others)])
     apart = np.log(times[1:] / times[0]) ** 2
-    weight = np.array([search.weight(one) for one in (search.best, *rivals)])
+    weight = np.array([search.weight(one) for one in (own, *rivals)])
     away = np.sqrt(weight[1:] @ apart[: len(rivals)] / weight.sum())
     away = np.maximum(away, np.sqrt(apart[len(rivals) :].max(axis=0, initial=0.0)))
     if shown is not None:  # a shape that no other run has borne out is as sure as it agrees with the readings

@@ -7,6 +7,7 @@ for every model; errors are over single samples.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -180,15 +181,27 @@ def kinds(channel: Channel) -> NDArray[np.int64]:
     return 2 * channel.isothermal.astype(int) + up.astype(int)
 
 
-def measure_gain(channel: Channel, problem: Problem, base: Structure, plain: Rated, best: Rated, noise: Noise) -> Gain:
-    """Held-out gain of an extended model over the plain one: in each fold it is chosen again without the runs held out,
-    from itself, itself less one effect, and the plain one, by the search's own score.
+@dataclass(frozen=True)
+class HeldOutPart:
+    """One fold: which runs the models are fitted to, and which of the others, `test`, they predict.
+
+    `plain` is the plain model fitted to the former, `value` its value there [nats].
+    """
+
+    train: NDArray[np.bool_]
+    test: NDArray[np.int64]
+    part: Problem
+    bump: Array
+    plain: Fit
+    value: float
+
+
+def held_out_parts(channel: Channel, problem: Problem, plain: Rated) -> list[HeldOutPart]:
+    """The folds in which runs can be held out; none where no model can be tried on any.
 
     `channel` is the channel as recorded, `problem` the one that was searched (repeats taken out).
     """
-    fold = folds(problem.channel)
-    before, after = np.full(channel.runs, np.nan), np.full(channel.runs, np.nan)
-    added = [e for e in best.fit.structure.ids if e not in base.ids]
+    fold, found = folds(problem.channel), []
     for k in range(int(fold.max()) + 1):
         train = fold != k
         # The rate at an ambient that the training part never saw is not the extension's business.
@@ -202,20 +215,42 @@ def measure_gain(channel: Channel, problem: Problem, base: Structure, plain: Rat
         told, known = (np.sqrt(np.diag(f.covariance))[: channel.rates] for f in (simple, plain.fit))
         told = told < np.maximum(UNTOLD_SIGMA, USUAL_LOSS * known)
         test = test[told[channel.ambient[test]]]
-        if not test.size:
-            continue
-        held, bins = channel.select(test), problem.select(test)
-        before[test] = run_errors(held, bins, plainly(simple))
+        if test.size:
+            found.append(HeldOutPart(train, test, part, bump, simple, value))
+    return found
+
+
+def measure_gain(
+    channel: Channel, problem: Problem, parts: Sequence[HeldOutPart], base: Structure, best: Rated, noise: Noise
+) -> Gain:
+    """Held-out gain of an extended model over the plain one: in each fold it is chosen again without the runs held out,
+    from itself, itself less one effect, and the plain one, by the search's own score.
+    """
+    before, after = np.full(channel.runs, np.nan), np.full(channel.runs, np.nan)
+    added = [e for e in best.fit.structure.ids if e not in base.ids]
+    for one in parts:
+        held, bins = channel.select(one.test), problem.select(one.test)
+        before[one.test] = run_errors(held, bins, plainly(one.plain))
         if not best.fit.structure.ids:
-            after[test] = before[test]
+            after[one.test] = before[one.test]
             continue
         whole = best.fit.structure
         smaller = [whole.dropping(e) for e in added] if len(added) > 1 else []
-        tried = [_fitted(part, bump, best, structure, train) for structure in (whole, *smaller)]
-        tried.append((value, simple))
-        _, chosen = max(tried, key=lambda one: one[0])
-        after[test] = run_errors(held, bins, chosen)
+        tried = [_fitted(one.part, one.bump, best, structure, one.train) for structure in (whole, *smaller)]
+        tried.append((one.value, one.plain))
+        _, chosen = max(tried, key=lambda found: found[0])
+        after[one.test] = run_errors(held, bins, chosen)
     return summarise(before, after, noise.while_moving, kinds(channel))
+
+
+def held_out_squares(channel: Channel, problem: Problem, parts: Sequence[HeldOutPart], model: Rated) -> Array:
+    """Mean square errors (R,) of the runs that can be held out under a model that was fitted anew without them."""
+    squares = []
+    for one in parts:
+        _, found = _fitted(one.part, one.bump, model, model.fit.structure, one.train)
+        found = found if found.structure.ids else plainly(found)
+        squares.append(run_errors(channel.select(one.test), problem.select(one.test), found))
+    return np.concatenate(squares)
 
 
 def _fitted(

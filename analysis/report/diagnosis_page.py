@@ -29,6 +29,7 @@ from shockrig.analysis.report.diagnosis_words import (
     missing,
     named,
     ordered,
+    predicting_sentence,
     remainder_sentence,
     removed,
     sensor_of,
@@ -152,6 +153,8 @@ def _channel(view: ChannelView) -> list[Block]:
     blocks.append(Text(channel_verdict(found), "bad" if found.verdict == "unexplained" else "good"))
     blocks += figure("remaining")
     blocks.append(Text(remainder_sentence(found)))
+    if sentence := predicting_sentence(found):
+        blocks.append(Text(sentence))
     if found.causes:
         blocks.append(_causes_table(found))
     if found.discovered:
@@ -313,6 +316,7 @@ def _rivals(view: ChannelView, figure: list[Figure]) -> list[Block]:
         share = f"{100 * weight:.1f} %" if weight >= LEAST_WEIGHT else f"below {plain(100 * LEAST_WEIGHT, 1)} %"
         behind = search.best.score.total - one.score.total
         said = "stated" if one is search.best else worse(behind)
+        said += ", predicts" if one is view.found.predicting.model is not search.best else ""
         numbers = [_signed(-behind), _signed(one.log_prior - search.best.log_prior)]
         rows.append([effects, share, said, *numbers, f"{plain(100 * one.score.discrepancy, 2)} %"])
     columns = ("model", "weight", "on unseen runs", "score, nats", "prior, nats", "discrepancy")

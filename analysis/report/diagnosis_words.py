@@ -404,6 +404,26 @@ def remainder_sentence(found: ChannelDiagnosis) -> str:
     )
 
 
+def predicting_sentence(found: ChannelDiagnosis) -> str:
+    """What the model that predicts has that the stated one has not, and why it predicts; empty where it is the same."""
+    best, other = found.search.best, found.predicting.model
+    if other is best:
+        return ""
+
+    def words(ids: frozenset[str]) -> str:
+        return listed([f"{label(e)} ({100 * found.search.probability(e):.0f} %)" for e in sorted(ids)])
+
+    more, less = other.ids - best.ids, best.ids - other.ids
+    how = ", ".join([*([f"with {words(more)}"] if more else []), *([f"without {words(less)}"] if less else [])])
+    if found.predicting.errors is None:
+        why = "It is the likeliest, and there is no run to try it on."
+    else:
+        stated, own = (plain(error, 2) for error in found.predicting.errors)
+        likelier = "" if found.predicting.errors[1] < found.predicting.errors[0] else "It is likelier. "
+        why = f"{likelier}In the middle of the runs it misses unseen ones by {own}, not {stated} {UNIT[found.name]}."
+    return f"The profile carries a model that is not sure enough to be stated, {how}. {why}"
+
+
 def headline(diagnosis: Diagnosis) -> str:
     """The sentence of the page's head: both channels, the strongest cause of each spelled out."""
     return " ".join([*(channel_verdict(c, whole=False) for c in diagnosis.channels), *missing(diagnosis)])

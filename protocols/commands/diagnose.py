@@ -248,6 +248,7 @@ def summary(diagnosis: Diagnosis) -> str:
         experiments,
         missing,
         named,
+        predicting_sentence,
         remainder_sentence,
         removed_share,
         terminal_causes,
@@ -259,6 +260,7 @@ def summary(diagnosis: Diagnosis) -> str:
         lines += [f"{found.name}: {found.verdict}", f"  {channel_verdict(found)}", *terminal_causes(found)]
         lines += [f"  {sentence}"] if (sentence := removed_share(found)) else []
         lines.append(f"  {remainder_sentence(found)}")
+        lines += [f"  {sentence}"] if (sentence := predicting_sentence(found)) else []
         lines += [f"  {sentence}"] if (sentence := seen_sentence(found.problem.channel)) else []
         lines += [f"  tried and not named: {named(tried.effect)}: {tried.why}" for tried in found.tried]
         lines += [f"  cannot be told: {sentence}" for sentence in found.cannot_tell]

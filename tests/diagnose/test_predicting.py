@@ -1,0 +1,55 @@
+"""What predicts need not be sure enough to be named: it is what misses runs held out least."""
+
+import numpy as np
+import pytest
+from foreign_lab import Arrival, Lab, LabLogger, LabRun, Written, make_body, record
+
+from shockrig.analysis.diagnose.diagnose import diagnose_channel
+from shockrig.analysis.diagnose.extended import extended_result
+from shockrig.analysis.diagnose.gain import plainly, run_errors
+from shockrig.analysis.diagnose.prepare import prepare
+from shockrig.analysis.diagnose.thresholds import THRESHOLDS, DiagnosisThreshold
+from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.report.diagnosis_words import predicting_sentence
+from shockrig.files.campaign import read_campaign
+
+
+@pytest.fixture(scope="module")
+def channels(tmp_path_factory):
+    """A lump beside a body that it is said to be: to be diagnosed, and a fresh campaign."""
+    plan = tuple(LabRun(*((60.0, 20.0) if i % 2 else (20.0, 60.0)), start_s=3.0, length_s=9.0) for i in range(6))
+    bench = Lab(
+        "temperature", make_body("lumped", 0.6), Arrival(), LabLogger(0.05, 0.01, 0.03), plan, Written(body="sphere")
+    )
+    found = []
+    for seed in (5, 6):
+        folder = tmp_path_factory.mktemp("lab") / "campaign"
+        record(bench, seed, folder)
+        found.append(build_channel(read_campaign(folder), "temperature"))
+    return found
+
+
+def error(found, fit, channel):
+    problem = prepare(channel, found.noise.averaged).problem
+    fit = fit if fit.structure.effects else plainly(fit)
+    return float(np.sqrt(run_errors(channel, problem, fit).mean()))
+
+
+def test_what_is_stated_predicts_where_nothing_is_left(channels):
+    found = diagnose_channel(channels[0], describing=False)
+    assert found.verdict == "explained" and found.predicting.model is found.search.best
+    assert found.predicting.fit is found.final and predicting_sentence(found) == ""
+
+
+def test_an_effect_that_is_not_sure_enough_to_be_named_predicts_all_the_same(channels, monkeypatch):
+    monkeypatch.setitem(THRESHOLDS, "named", DiagnosisThreshold(1.1, "no effect is ever as probable"))
+    found = diagnose_channel(channels[0], describing=False)
+    assert found.verdict == "unexplained" and found.causes == () and not found.final.structure.effects
+    stated, own = found.predicting.errors
+    assert own < 0.5 * stated
+    # Of runs that nobody had when it was chosen as well.
+    assert error(found, found.predicting.fit, channels[1]) < 0.5 * error(found, found.final, channels[1])
+    carried = [effect.effect for effect in extended_result(found).effects]
+    assert carried and set(carried) == found.predicting.model.ids
+    said = predicting_sentence(found)
+    assert all(effect.replace("_", " ") in said for effect in carried) and said.endswith(" K.")
