@@ -480,7 +480,10 @@ def screen(
         repeated |= stale & believed
         usable &= ~stale
     if limit is None:
-        limit = _ceiling(reading[believed], within(0.5 * resolution, noise) if by_steps else None)
+        stays = within(0.5 * resolution, noise) if by_steps else None
+        if by_steps and lagging is not None and _hides(reading[believed], lagging[believed], resolution):
+            stays = 0.0  # it is no steady layer, in which noise has them stay
+        limit = _ceiling(reading[believed], stays)
     capped = np.zeros(reading.shape, dtype=bool)
     if limit is not None:
         capped = believed & (reading >= limit - 0.5 * resolution)
@@ -594,8 +597,8 @@ def _by_chance(reading: Array, rows: NDArray[np.int64], same_time: Mask, same_va
 def _ceiling(values: Array, stays: float | None) -> float | None:
     """The largest reading, where more rows hold it than any below it could: the sensor stopped there; else None.
 
-    Among coarse steps a reading `stays` by so much chance, and no step holds it as surely as the highest: a steady
-    layer is no ceiling, and may be the highest.
+    Among coarse steps a reading `stays` by so much chance at least, and no step holds it as surely as the highest: a
+    steady layer is no ceiling, and may be the highest.
     """
     if values.size == 0:
         return None
@@ -610,6 +613,19 @@ def _ceiling(values: Array, stays: float | None) -> float | None:
             return None
     enough = again[-1] > max(CAPPED_SHARE * values.size, FEWEST_CAPPED)
     return float(level[-1]) if enough and level.size > 1 else None
+
+
+def _hides(values: Array, lagging: Array, resolution: float) -> bool:
+    """Whether mostly, as readings (n,) stood on the largest of them, what is `lagging` (n,) would have had to move for
+    that, by more than steps hide: it was beyond, where the sensor does not go."""
+    top = values >= np.max(values, initial=-np.inf) - 0.5 * resolution
+    number = np.cumsum(np.diff(top, prepend=False) & top)[top] - 1
+    if not number.size:
+        return False
+    low, high = np.full(number[-1] + 1, np.inf), np.full(number[-1] + 1, -np.inf)
+    np.minimum.at(low, number, lagging[top])
+    np.maximum.at(high, number, lagging[top])
+    return float(np.median((high - low)[number])) > SPIKE_STEPS * resolution
 
 
 def stairs(values: Array, resolution: float, noise: float = np.inf) -> bool:

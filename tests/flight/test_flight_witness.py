@@ -137,6 +137,18 @@ def test_a_ceiling_is_told_among_coarse_steps(clipped):
     assert not screen(time_s, np.round(steady), RANGES["humidity_reading_percent"], 0.06).capped.any()
 
 
+@pytest.mark.parametrize(("limit", "warming_k"), [(45.0, 2.0), (45.0, 0.0), (np.inf, 2.0)])
+def test_a_ceiling_among_steps_coarser_than_noise_is_told_by_the_temperature(limit, warming_k):
+    """A film that stands on its highest step is in a steady layer, or was stopped if its vapour had to move for it."""
+    rng, time_s = np.random.default_rng(3), np.arange(0.0, 240.0, 0.1)
+    warming = warming_k * np.sin(time_s / 7.0)
+    humidity = 44.0 + 3.0 * np.sin(time_s / 20.0) - 2.6 * warming + 0.06 * rng.standard_normal(time_s.size)
+    reading = np.round(np.minimum(humidity, limit) / 0.5) * 0.5
+    vapour = reading * np.exp(0.06 * warming)
+    found = screen(time_s, reading, RANGES["humidity_reading_percent"], 0.06, lagging=vapour)
+    assert found.capped.any() == (limit == 45.0 and warming_k > 0.0)
+
+
 def test_real_scenes_have_no_moves_of_their_own():
     for scene in (convective(np.random.default_rng(8), duration_s=60.0), frontal(np.random.default_rng(8))):
         notes = correct(to_flight(fly(scene, PROFILE, 8).log), PROFILE).notes
