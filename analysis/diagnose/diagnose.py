@@ -18,7 +18,15 @@ from shockrig.analysis.checks.check import Checked, checked
 from shockrig.analysis.checks.finding import InputFinding
 from shockrig.analysis.diagnose.adequacy import describe, judge
 from shockrig.analysis.diagnose.candidates import at_bound
-from shockrig.analysis.diagnose.diagnosed import NO_STEP, Cause, ChannelDiagnosis, Diagnosis, Predicting, Tried
+from shockrig.analysis.diagnose.diagnosed import (
+    LEAST_WEIGHT,
+    NO_STEP,
+    Cause,
+    ChannelDiagnosis,
+    Diagnosis,
+    Predicting,
+    Tried,
+)
 from shockrig.analysis.diagnose.experiments import propose, unseen
 from shockrig.analysis.diagnose.gain import Gain, HeldOutPart, held_out_parts, held_out_squares, measure_gain
 from shockrig.analysis.diagnose.grammar import stated
@@ -289,7 +297,9 @@ def _predicting(
     A name has to be sure, a prediction only good. Each run counts as two independent errors of unknown size: that is
     their likelihood, and the weight their prior.
     """
-    problem, among = ready.problem, {id(one): one for one in (*found.pool[:MOST_PREDICTING], found.best, found.plain)}
+    problem = ready.problem
+    heavy = (one for one in found.pool[:MOST_PREDICTING] if found.weight(one) >= LEAST_WEIGHT)
+    among = {id(one): one for one in (*heavy, found.best, found.plain)}
     squares = {key: held_out_squares(channel, problem, parts, one) for key, one in among.items() if parts}
     told = {key: float(np.log(np.maximum(own, TINY)).sum()) for key, own in squares.items()}
     told = {key: loss - np.log(max(found.weight(among[key]), TINY)) for key, loss in told.items() if np.isfinite(loss)}
