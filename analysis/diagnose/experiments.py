@@ -155,6 +155,7 @@ def hypothetical(problem: Problem, run: Planned) -> Problem:
     fields["ramp_own_s"][:] = run["transfer"].get("duration_s", np.nan)
     fields["ramp_ratio"][:] = 1.0
     fields["elsewhere"][:] = False
+    fields["humidity_known"][:] = True
     conditions = Conditions(**fields)
     nearest = int(np.argmin(np.abs(channel.ambients_c - destination["temperature_c"])))
     weights = np.zeros((1, channel.rates))

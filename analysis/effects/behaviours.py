@@ -244,9 +244,11 @@ def own_step(conditions: Conditions, jumps: bool) -> Array:
 
 
 def dew_margin_k(conditions: Conditions) -> Array:
-    """How far the destination's dew point lies above the air that each run (R,) comes from; 0 where no dew falls."""
+    """How far the destination's dew point lies above the air that each run (R,) comes from; 0 where no dew falls, or
+    nobody knows."""
     c = conditions
-    return np.maximum(dew_point_c(np.maximum(c.destination_percent, 1.0), c.destination_c) - c.source_c, 0.0)
+    margin = np.maximum(dew_point_c(np.maximum(c.destination_percent, 1.0), c.destination_c) - c.source_c, 0.0)
+    return np.asarray(np.where(c.humidity_known, margin, 0.0))
 
 
 def _scale(form: Form, chain: Chain, p: Arrays) -> Array:

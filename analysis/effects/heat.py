@@ -15,11 +15,11 @@ from shockrig.analysis.physics.humidity import ZERO_CELSIUS_K, dew_point_c
 
 
 def wetted(channel: Recorded) -> NDArray[np.float64]:
-    """1 for the runs (R,) whose destination is below saturation and so lets a wet bead dry, scaled by (100 - RH) /
-    50."""
+    """1 for the runs (R,) whose destination is known to be below saturation and so lets a wet bead dry, scaled by
+    (100 - RH) / 50."""
     air = channel.conditions
     wet_before = dew_point_c(np.maximum(air.destination_percent, 1.0), air.destination_c) > air.source_c + 0.5
-    return np.where(wet_before, np.clip((100.0 - air.destination_percent) / 50.0, 0.0, 2.0), 0.0)
+    return np.where(wet_before & air.humidity_known, np.clip((100.0 - air.destination_percent) / 50.0, 0.0, 2.0), 0.0)
 
 
 def _cooled(chain: Chain, p: Arrays) -> Chain:

@@ -413,6 +413,13 @@ def _has_temperatures(run: Run) -> bool:
     return run.source.temperature_c is not None and run.destination.temperature_c is not None
 
 
+def _has_humidities(one: UsableRun) -> bool:
+    """Whether the humidity of both airs is recorded, or can be taken from plateaus."""
+    shown = [] if one.run.hyt is None else [one.run.hyt.values["humidity_percent"]]
+    shown += [] if one.air is None else [one.air.humidity_percent]
+    return any(np.isfinite(values).any() for values in shown) or _airs_known(one.run, HUMIDITY)
+
+
 def _drift(value: Array) -> float:
     """Drift over the plateau before the transfer: last third minus first third, by medians."""
     third = max(value.size // 3, 1)
@@ -612,6 +619,7 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_
         airflow_known=np.array([run.airflow_m_s is not None for run in runs]),
         start_known=start_known,
         airs_known=airs_known | driven,
+        humidity_known=np.array([_has_humidities(one) for one in usable]),
         irradiance_w_m2=np.array([_extra(run, "irradiance_w_m2") for run in runs]),
         duration_s=duration,
         ramp_ratio=ramp_ratio,

@@ -23,6 +23,7 @@ class Conditions:
     `duration_s` is NaN where the transfer was not timed. Where all runs state it, `ramp_ratio` is each run's in units
     of the typical one. `ramp_own_s` is the duration of those that alone state one, or state a far longer one (slowed on
     purpose), and NaN elsewhere: the plain model has these ramps.
+    `airs_known` is of the channel's own quantity; `humidity_known` is false where the airs' humidity is the usual one.
     `elsewhere` marks runs that respond so much faster or slower than the rest that they end in another medium.
     `order` is each run's place in the campaign, from 0; `hours` is when it began, NaN where nobody wrote that down.
     """
@@ -42,6 +43,7 @@ class Conditions:
     airflow_known: NDArray[np.bool_]
     start_known: NDArray[np.bool_]
     airs_known: NDArray[np.bool_]
+    humidity_known: NDArray[np.bool_]
     irradiance_w_m2: Array
     duration_s: Array
     ramp_ratio: Array

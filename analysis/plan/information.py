@@ -122,6 +122,7 @@ def _conditions(like: Conditions, shocks: Sequence[PlannedShock]) -> Conditions:
         airflow_known=many.astype(bool),
         start_known=many.astype(bool),
         airs_known=many.astype(bool),
+        humidity_known=many.astype(bool),
         irradiance_w_m2=each("irradiance_w_m2"),
         duration_s=slowed,
         ramp_ratio=many,
