@@ -53,8 +53,8 @@ class FlightReadings:
         What reaches reading and air alike.
     rounding : ndarray (n,) or None
         Step of each reading, where it is coarser than the noise.
-    jumps_s : ndarray (j,) or None
-        Times at which a faster sensor saw the air jump.
+    jumped_s : ndarray (j, 2) or None
+        Times between which another sensor saw the air jump.
     loud : ndarray (n,) or None
         Readings in bursts of noise.
     told : ndarray (n,) or None
@@ -70,7 +70,7 @@ class FlightReadings:
     delay_s: float = 0.0
     passing: Passing | None = None
     rounding: Array | None = None
-    jumps_s: Array | None = None
+    jumped_s: Array | None = None
     loud: Mask | None = None
     told: Array | None = None
 

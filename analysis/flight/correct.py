@@ -72,7 +72,7 @@ def _smoother(readings: FlightReadings, cutoff_hz: float | None = None) -> Estim
         readings.delay_s,
         readings.passing,
         readings.rounding,
-        readings.jumps_s,
+        readings.jumped_s,
         readings.loud,
     )
 
@@ -242,7 +242,7 @@ def _temperature(
         variance,
         plain.delay_s,
         rounding=steps,
-        jumps_s=None if felt is None else felt_jumps(felt, time_s, screened.usable & ~screened.loud),
+        jumped_s=None if felt is None else felt_jumps(felt, time_s),
         loud=screened.loud,
     )
     found = solve(readings, cutoff_hz)

@@ -349,7 +349,7 @@ def _of_vapour(
         (noise * per_reading) ** 2,
         plain.delay_s,
         rounding=coarse(screened.resolution, film.noise, per_reading),
-        jumps_s=bead.jumps_s,
+        jumped_s=None if bead.jumps_s is None else np.stack([bead.jumps_s, bead.jumps_s], axis=1),
         loud=screened.loud,
     )
 

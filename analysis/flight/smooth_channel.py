@@ -74,14 +74,14 @@ def with_jumps(
 ) -> tuple[Sweep, Prior, Jumps]:
     """Sweep, strengths (fitted anew by `refit` to the readings without the jumps) and the jumps.
 
-    `known_s` (j,) are times at which a faster sensor saw the air jump: there, if anywhere near.
+    `known_s` (j, 2) are times between which another sensor saw the air jump: there, if anywhere near.
     """
     jumps = none(values.size)
     found = swept(track, values, variance, local, jumps)
     typical = local.each(lambda strength: np.full(values.size, np.median(strength)))
     guess = lags_behind(values, track.along, track.period_s, track.broken)
     for number in range(SEARCH_ROUNDS):
-        places = _places(track, variance, found.jump_score, known_s if number == 0 else np.zeros(0))
+        places = _places(track, variance, found.jump_score, known_s if number == 0 else np.zeros((0, 2)))
         # one that is somewhere in a gap is one
         known = np.count_nonzero(np.diff(jumps.variance.any(axis=1).astype(int), prepend=0) > 0)
         if known + places.size > MOST_JUMPS:
@@ -103,8 +103,14 @@ def _places(track: Track, variance: Array, score: Array, known_s: Array) -> NDAr
     """Nodes whose score is beyond chance and the largest around; less will do where the air is known to have jumped. In
     a gap there is one at most."""
     size = np.abs(np.nan_to_num(score)).max(axis=1)
-    at = np.unique(np.minimum(np.searchsorted(track.time_s, known_s), size.size - 1))
-    places = [int(k) for k in at if size[max(k - 1, 0) : k + 2].max() > KNOWN_SIGMAS]
+    places = []
+    for first, last in np.minimum(np.searchsorted(track.time_s, known_s), size.size - 1).tolist():
+        around = slice(max(first - 1, 0), last + 2)
+        # between two readings of its own a sensor tells as well whether it jumped
+        told = first < last and np.isfinite(variance[[first, last]]).all()
+        if not told and size[around].max() > KNOWN_SIGMAS:
+            places.append(int(np.clip(around.start + np.argmax(size[around]), first, last)))
+    places = sorted(set(places))
     largest = maximum_filter1d(size, 2 * APART_SAMPLES + 1, mode="nearest")
     reading = np.cumsum(np.append(False, np.isfinite(variance)))  # how many came before each node
     for k in np.flatnonzero((size > JUMP_SIGMAS) & (size >= largest)).tolist():
@@ -144,10 +150,9 @@ def _best(
     first, last = near - int(np.argmax(read[:near][::-1])), near + int(np.argmax(read[near:]))
     nodes = np.arange(max(first - LOOK_BACK, ends[stretch - 1]), min(last + LOOK_AHEAD, ends[stretch]))
     trials = JumpTrials(jumps, nodes)
-    apart = np.abs(known_s - track.time_s[near]) / track.period_s
-    for at_s in known_s[apart <= KNOWN_APART]:
-        k = min(int(np.searchsorted(track.time_s, at_s)), values.size - 1)
-        trials.add((k, 0, size[0], float(np.clip(1.0 - (track.time_s[k] - at_s) / track.period_s, 0.0, 1.0))))
+    beside = np.maximum(known_s[:, 0] - track.time_s[near], track.time_s[near] - known_s[:, 1])
+    for first_s, last_s in known_s[beside <= KNOWN_APART * track.period_s].tolist():
+        trials.add_within(track, size[0], first_s, last_s)
     known = len(trials.tried)
     trials.add_around(near, size, track.period_s)
     outside = len(trials.tried)
@@ -159,8 +164,11 @@ def _best(
     if not tried:
         return jumps
     cost = costs(track, values, variance, local, tried, nodes, guess)
-    if known and cost[:known].min() <= cost.min() + BELIEVED_NATS:
-        return trials.with_one(tried[int(np.argmin(cost[:known]))])
+    if known:
+        there = trials.finer(int(np.argmin(cost[:known])))
+        of_known = np.append(cost[:known], costs(track, values, variance, local, there, nodes, guess) if there else [])
+        if of_known.min() <= cost.min() + BELIEVED_NATS:
+            return trials.with_one([*tried[:known], *there][int(np.argmin(of_known))])
     in_gap = cost[outside:]
     if in_gap.size == places.size > 0 and in_gap.min() <= cost.min() + np.log(outside + 1):
         # the likeliest of many is likelier than it is
@@ -171,9 +179,7 @@ def _best(
             return anywhere
     # a jump is placed as finely as it shows before it is compared with what has no such place
     if (sharp := np.flatnonzero(trials.single)).size:
-        best = tried[int(sharp[np.argmin(cost[sharp])])]
-        there = (best.variance != jumps.variance[nodes]).any(axis=1)
-        finer = [Jumps(best.variance, best.place + np.where(there, by, 0.0)) for by in FINER]
+        finer = trials.finer(int(sharp[np.argmin(cost[sharp])]))
         tried, cost = tried + finer, np.append(cost, costs(track, values, variance, local, finer, nodes, guess))
     return trials.with_one(tried[int(np.argmin(cost))])
 
@@ -186,9 +192,10 @@ class JumpTrials:
         self.known, self.nodes = known, nodes
         self.tried: list[Jumps] = []
         self.single: list[bool] = []
+        self.bounds: list[tuple[float, float]] = []
 
-    def add(self, *added: tuple[int, int, float, float]) -> None:
-        """One more; each of its jumps is (node, kind, size, place)."""
+    def add(self, *added: tuple[int, int, float, float], bounds: tuple[float, float] = (0.0, 1.0)) -> None:
+        """One more; each of its jumps is (node, kind, size, place), and may be placed between `bounds` of its step."""
         nodes = self.nodes
         if any(not nodes[0] < k <= nodes[-1] or self.known.variance[k].any() for k, *_ in added):
             return
@@ -197,6 +204,23 @@ class JumpTrials:
             one.variance[k - nodes[0], kind], one.place[k - nodes[0]] = height**2, place
         self.tried.append(one)
         self.single.append(len(added) == 1 and added[0][1] == 0)
+        self.bounds.append(bounds)
+
+    def add_within(self, track: Track, size: float, first_s: float, last_s: float) -> None:
+        """A jump of the air at some places between two times, or at one."""
+        first, last = np.minimum(np.searchsorted(track.time_s, [first_s, last_s]), track.time_s.size - 1).tolist()
+        for k in range(first, last + 1):
+            begins_s = track.time_s[k] - track.period_s
+            low, high = (float(np.clip((at_s - begins_s) / track.period_s, 0.0, 1.0)) for at_s in (first_s, last_s))
+            for place in np.unique(np.clip((0.0, *PLACES_IN_STEP, 1.0), low, high)).tolist():
+                self.add((k, 0, size, place), bounds=(low, high))
+
+    def finer(self, number: int) -> list[Jumps]:
+        """One of those that were tried with its one jump at places about where it is, as far as it may be."""
+        one, (low, high) = self.tried[number], self.bounds[number]
+        there = (one.variance != self.known.variance[self.nodes]).any(axis=1)
+        places = np.unique(np.clip(one.place[there] + np.array(FINER), low, high)) if low < high else np.zeros(0)
+        return [Jumps(one.variance, np.where(there, place, one.place)) for place in places.tolist()]
 
     def add_around(self, near: int, size: Array, period_s: float) -> None:
         """Jumps of the air, of its slope, and ramps about a node."""
@@ -291,7 +315,7 @@ def estimate(
     delay_s: float = 0.0,
     passing: Passing | None = None,
     rounding: Array | None = None,
-    jumps_s: Array | None = None,
+    jumped_s: Array | None = None,
     loud: NDArray[np.bool_] | None = None,
 ) -> Estimate:
     """Smooth one channel.
@@ -310,8 +334,8 @@ def estimate(
         With `sigma` for each row.
     rounding : (n,), optional
         Step of each reading where it is coarser than the noise; `noise_variance` has its variance, step^2 / 12, in it.
-    jumps_s : (j,), optional
-        Times at which a faster sensor saw the air jump.
+    jumped_s : (j, 2), optional
+        Times between which another sensor saw the air jump, or at which, twice.
     loud : (n,), optional
         Readings in bursts of noise: they say nothing of how strongly the air varies.
     """
@@ -324,7 +348,7 @@ def estimate(
     local = strengths(on.bridged)
     noise_factor = float(local.noise[0]) / strengths.expected if rounding is None else 1.0
     variance = np.where(on.measured, noise_variance[on.row] * noise_factor**2, np.inf)
-    known_s = np.zeros(0) if jumps_s is None else jumps_s
+    known_s = np.zeros((0, 2)) if jumped_s is None else jumped_s
     found, local, jumps = with_jumps(track, on.bridged, variance, local, strengths, known_s)
     if rounding is None:
         brief = _brief(track.time_s, on.measured, BRIEF_LAGS * response.slowest_s)

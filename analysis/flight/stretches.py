@@ -58,18 +58,17 @@ class Felt:
     resolution: float
 
 
-def felt_jumps(felt: Felt, time_s: Array, told: Mask) -> Array:
-    """Times (j,) between two rows in which another sensor felt the air jump, where the readings (n,) that `told` of the
-    air are not on both sides."""
+def felt_jumps(felt: Felt, time_s: Array) -> Array:
+    """Times (j, 2) of the two rows between which another sensor felt the air jump."""
     rows = np.flatnonzero(np.isfinite(felt.reading))
     size = np.abs(np.diff(felt.reading[rows]))
     if size.size < WINDOW_ROWS:
-        return np.zeros(0)
+        return np.zeros((0, 2))
     least = JUMP_IN_NOISE * np.hypot(np.maximum(felt.noise, scatter(felt.reading[rows])[1:]), felt.resolution)
     beside = np.maximum(np.append(size[1:], 0.0), np.append(0.0, size[:-1]))
     first, last = rows[:-1], rows[1:]
-    jumped = (size > least) & (beside < BESIDE_SHARE * size) & (last - first == 1) & ~(told[first] & told[last])
-    return np.asarray(0.5 * (time_s[first] + time_s[last])[jumped])
+    jumped = (size > least) & (beside < BESIDE_SHARE * size) & (last - first == 1)
+    return np.stack([time_s[first[jumped]], time_s[last[jumped]]], axis=1)
 
 
 @dataclass(frozen=True)

@@ -515,11 +515,29 @@ def test_where_another_sensor_saw_the_air_jump_a_small_jump_is_believed():
     def found(**known):
         return estimate(time_s, reading, np.ones(600, dtype=bool), response, np.full(600, 0.02**2), **known)
 
-    alone, told = found(), found(jumps_s=np.array([at_s]))
+    alone, told = found(), found(jumped_s=np.array([[at_s, at_s]]))
     assert alone.jumps_s.size == 0
     np.testing.assert_allclose(told.jumps_s, [at_s], atol=1e-9)
     near = np.abs(time_s - at_s) < 3.0
     assert rms((told.air - air)[near]) < 0.5 * rms((alone.air - air)[near])
+
+
+def test_between_which_readings_the_air_jumped_is_told_by_another_sensor():
+    """A bead that shows four fifths of a door in half a second, which it meets as it is read: alone it may be either
+    side of that reading."""
+    time_s, everywhere = 0.5 * np.arange(240), np.ones(240, dtype=bool)
+    response = LagResponse(np.ones((240, 1)), np.full((240, 1), 3.2), np.zeros(240))
+    air = np.where(time_s > 60.0, 5.5, 22.7)
+    lagged = 22.7 - 17.2 * (1.0 - np.exp(-3.2 * np.maximum(time_s - 60.0, 0.0)))
+
+    def worst(seed, **known):
+        reading = np.round(lagged + 0.02 * np.random.default_rng(seed).standard_normal(240), 2)
+        found = estimate(time_s, reading, everywhere, response, np.full(240, 0.02**2), **known)
+        return np.max(np.abs(found.air - air))
+
+    alone, told = (np.array([worst(seed, **known) for seed in range(8)])
+                   for known in ({}, {"jumped_s": np.array([[60.0, 60.5]])}))  # fmt: skip
+    assert np.count_nonzero(alone > 10.0) >= 2 and told.max() < 0.3, (alone, told)
 
 
 def test_every_number_whose_sensitivity_is_counted_is_one_of_the_correction():
