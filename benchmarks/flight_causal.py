@@ -5,8 +5,9 @@
 The flights are those of flight_harm.py. One line a kind and channel: rms error of the reading, of each lag and of the
 smoother, and beside each what its 95 % interval covers. Rows for which a value is given by all of them are compared.
 With --out flights are JSON lines of that file, and those that it holds already are not flown again; --table prints
-what a file holds. --innovations asks instead whether readings themselves tell of a wrong profile: how far they are from
-what the filters expected of them, squared, over its variance, and how much one goes with the next.
+what a file holds, and with --parts what of the errors is constant over a flight: such a flight is covered or not as a
+whole, and only many flights tell. --innovations asks instead whether readings themselves tell of a wrong profile: how
+far they are from what the filters expected of them, squared, over its variance, and how much one goes with the next.
 """
 
 from __future__ import annotations
@@ -100,30 +101,56 @@ def score(name: str, seed: int, lags: tuple[float, ...]) -> list[dict]:
         line = {"kind": name, "seed": seed, "channel": channel, "given": float(rows.sum() / right.sum())}
         line["reading"] = rms(reading[rows] - truth[rows])
         for how, one in done.items():
-            off = np.abs(getattr(one, channel) - truth)
+            off, sigma = getattr(one, channel) - truth, getattr(one, SIGMAS[channel])
             line[how] = rms(off[rows])
-            sigma = getattr(one, SIGMAS[channel])
             known = rows & np.isfinite(sigma)
-            line[f"{how} covered"] = float(np.mean(off[known] <= 1.96 * sigma[known])) if known.any() else float("nan")
+            off, sigma = off[known], sigma[known]
+            line[f"{how} rows"] = int(known.sum())
+            line[f"{how} covered"] = float(np.mean(np.abs(off) <= 1.96 * sigma))
+            line[f"{how} parts"] = [float(np.mean(off)), float(np.std(off)), float(np.mean(sigma))]
         lines.append(line)
     return lines
+
+
+def coverage(flights: list[dict], how: str) -> float:
+    """Share of all rows of a kind's flights whose 95 % interval holds the truth."""
+    stated = [f for f in flights if f[f"{how} rows"]]
+    rows = sum(f[f"{how} rows"] for f in stated)
+    return sum(f[f"{how} covered"] * f[f"{how} rows"] for f in stated) / rows if rows else float("nan")
+
+
+def table_of_parts(lines: list[dict]) -> None:
+    """Of each kind and channel: errors that are constant over a flight, errors about that, and what is stated."""
+    hows = [key.removesuffix(" covered") for key in lines[0] if key.endswith(" covered")]
+    print(f"{'kind':<22}{'channel':<10}" + "".join(f"{how:>17}{'constant':>9}{'stated':>8}{'cov':>5}" for how in hows))
+    for (kind, channel), flights in grouped(lines).items():
+        text = f"{kind:<22}{channel.split('_')[0][:8]:<10}"
+        for how in hows:
+            constant, moving, stated = (rms(part) for part in np.array([f[f"{how} parts"] for f in flights]).T)
+            text += f"{moving:>17.4f}{constant:>9.4f}{stated:>8.4f}{coverage(flights, how):>5.2f}"
+        print(text)
+
+
+def grouped(lines: list[dict]) -> dict[tuple[str, str], list[dict]]:
+    """Flights of each kind and channel."""
+    groups: dict[tuple[str, str], list[dict]] = {}
+    for line in lines:
+        groups.setdefault((line["kind"], line["channel"]), []).append(line)
+    return groups
 
 
 def table(lines: list[dict]) -> None:
     """A row for each kind and channel, and geometric means over all of them."""
     hows = [key.removesuffix(" covered") for key in lines[0] if key.endswith(" covered")]
     print(f"{'kind':<22}{'channel':<10}{'reading':>9}" + "".join(f"{how:>10}{'cov':>6}" for how in hows))
-    groups: dict[tuple[str, str], list[dict]] = {}
-    for line in lines:
-        groups.setdefault((line["kind"], line["channel"]), []).append(line)
+    groups = grouped(lines)
     ratios: dict[str, dict[str, list[float]]] = {channel: {how: [] for how in hows} for channel in CHANNELS}
     held: dict[tuple[str, str], dict[str, float]] = {(channel, how): {} for channel in CHANNELS for how in hows}
     for (kind, channel), flights in groups.items():
         size = {key: rms(np.array([f[key] for f in flights])) for key in ("reading", *hows)}
         text = f"{kind:<22}{channel.split('_')[0][:8]:<10}{size['reading']:>9.4f}"
         for how in hows:
-            stated = [f[f"{how} covered"] for f in flights if np.isfinite(f[f"{how} covered"])]
-            covered = float(np.mean(stated)) if stated else float("nan")
+            covered = coverage(flights, how)
             text += f"{size[how]:>10.4f}{covered:>6.2f}"
             ratios[channel][how].append(size[how] / size["reading"])
             held[channel, how][kind] = covered
@@ -152,6 +179,7 @@ def main() -> int:
     parser.add_argument("--lags", nargs="+", type=float, default=list(LAGS_S))
     parser.add_argument("--out", type=Path)
     parser.add_argument("--table", type=Path, help="print what this file holds, and fly nothing")
+    parser.add_argument("--parts", action="store_true", help="with --table: errors that are constant over a flight")
     parser.add_argument("--innovations", action="store_true", help="what readings tell of a wrong profile")
     args = parser.parse_args()
     warnings.simplefilter("ignore")
@@ -160,7 +188,7 @@ def main() -> int:
         table_of_innovations(args.kinds, seeds)
         return 0
     if args.table:
-        table(kept(args.table))
+        (table_of_parts if args.parts else table)(kept(args.table))
         return 0
     jobs = [(name, seed) for seed in seeds for name in args.kinds]
     table(scored(args.out, jobs, ("kind", "seed"), lambda name, seed: score(name, seed, tuple(args.lags))))
