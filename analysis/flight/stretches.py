@@ -263,7 +263,7 @@ def _elsewhere(
     # over a gap a sensor gets anywhere; one end of a stretch may lie in one
     refuted = (share > MOST_SHARE) | (_within(share, apart[sudden - 1]) <= MOST_SHARE)
     goes_on = stuck[sudden - 1] & ~stuck[sudden]
-    away, alone = _between(sudden, values[sudden - 1], values[sudden], refuted, values.size, swing, goes_on)
+    away, alone = _between(sudden, values[sudden - 1], values[sudden], refuted, values, swing, goes_on)
     alone &= refuted & ~maximum_filter1d(stuck, 3)[sudden]
     # medians on either side: beside noise, and where a jump is met halfway
     calm = median_filter(values, 3, mode="nearest")
@@ -275,7 +275,7 @@ def _elsewhere(
     # where the largest step of those across is
     first = far + 1 + np.argmax(sliding_window_view(size, 3)[far], axis=1) if far.size else far
     certain = np.ones(far.shape, dtype=bool)
-    away |= _between(first, before[far], after[far], certain, values.size, np.inf, ~certain)[0]
+    away |= _between(first, before[far], after[far], certain, values, np.inf, ~certain)[0]
     # one from which none goes back may have one when those within its stretch are out
     if not away.any():
         for k in sudden[alone & (size[sudden - 1] > swing)].tolist():
@@ -294,16 +294,18 @@ def _between(
     before: Array,
     after: Array,
     refuted: Mask,
-    count: int,
+    values: Array,
     swing: float,
     goes_on: Mask,
 ) -> tuple[Mask, Mask]:
-    """Rows (`count`,) between jumps and those back, by the `first` row after each and the levels on either side, and
+    """Rows of the `values` (n,) between jumps and those back, by the `first` row after each and the levels on either side, and
     which of the jumps none goes back from; of two, one at least is `refuted` by the lag, and the first is not where a
     sensor that was stuck `goes_on`.
 
-    Of two that are farther than `swing` the air may have moved in between.
+    Of two that are farther than `swing` the air may have moved in between. Readings that went farther than the jumps
+    follow the air, if beside what it is: without them less would be known.
     """
+    count = values.size
     away, alone = np.zeros(count, dtype=bool), np.ones(first.size, dtype=bool)
     for moved in (False, True):
         left = np.flatnonzero(alone)
@@ -317,7 +319,7 @@ def _between(
             back = size[i] * size[j] < 0 and first[n] - first[k] < count // 2 and (refuted[k] or refuted[n])
             back = back and not goes_on[k]
             if back and (least > swing if moved else abs(after[n] - before[k]) < APART_SHARE * least):
-                away[first[k] : first[n]] = True
+                away[first[k] : first[n]] = np.ptp(values[first[k] : first[n]]) < least
                 alone[[k, n]] = False
                 i = j
             i += 1

@@ -199,6 +199,19 @@ def test_readings_between_two_jumps_that_no_lag_lets_through_are_implausible():
     assert beyond(done) < 1.0
 
 
+def test_readings_beside_what_they_are_that_follow_the_air_are_better_than_none():
+    """A converter in another range reads 0.4 K more over a warm layer. Before: half of its rows were interpolated."""
+    row = np.arange(2400)
+    air = 15.0 + 5.0 * np.exp(-0.5 * ((row - 1200) / 300) ** 2)
+    reading = air + np.where(np.abs(row - 1200) < 300, 0.4, 0.0) + 0.02 * np.random.default_rng(3).standard_normal(2400)
+    log = dataclasses.replace(
+        flight().at(row % 800), time_s=0.1 * row, temperature_c=reading, humidity_percent=np.full(2400, np.nan)
+    )
+    done = correct(log, PROFILE)
+    assert not done.flags["implausible"].any()
+    assert rms(done.temperature_c - air) < 1.1 * rms(reading - air)
+
+
 def test_an_absurd_reading_on_a_front_does_not_condemn_those_beside_it():
     """Of a front that goes 1 K in a row between calm airs; the absurd reading moves the median by one place."""
     rng = np.random.default_rng(1)
