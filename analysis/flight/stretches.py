@@ -298,9 +298,9 @@ def _between(
     swing: float,
     goes_on: Mask,
 ) -> tuple[Mask, Mask]:
-    """Rows of the `values` (n,) between jumps and those back, by the `first` row after each and the levels on either side, and
-    which of the jumps none goes back from; of two, one at least is `refuted` by the lag, and the first is not where a
-    sensor that was stuck `goes_on`.
+    """Rows of the `values` (n,) between jumps and those back, by the `first` row after each and the levels on either
+    side, and which of the jumps none goes back from; of two, one at least is `refuted` by the lag, and the first is not
+    where a sensor that was stuck `goes_on`.
 
     Of two that are farther than `swing` the air may have moved in between. Readings that went farther than the jumps
     follow the air, if beside what it is: without them less would be known.
