@@ -6,8 +6,6 @@ Each file lies in a cache as published, at DIR/OWNER/NAME/PATH of its repository
   heating pad that is switched on to 40 or 60 degC, three times, each 10 s (MIT)
 - yasinovgu/Temperature-Control-Lab @7b6d4bd, Data/step_data.mat: two thermometers of a control course's board, whose
   first heater gets a fifth of its power and then three fifths, each second (no licence stated)
-- SerfinHub/PIDNN @d1d144c, tclab_data.csv: another such board, both of whose heaters are switched in turns, each 2 s
-  (no licence stated)
 - Prince899/Heat-Transfer-Experimentation @bb633d4, mixedconvectioncooling.txt: three thermometers along a hollow rod of
   copper that was heated and cools in the air of a fan, and one in that air, each 3 s (no licence stated)
 - rfirsov04/UT24-Cooling-Prototype @dc6c506, Data/Test {3,4,5,6} - 15A *: sensors on cells of a battery that gives 15 A
@@ -22,8 +20,8 @@ Each file lies in a cache as published, at DIR/OWNER/NAME/PATH of its repository
   the plunge that is judged there
 - felypemaciel/temp_control @c66b4b5, serial_output.csv: the extruder of a 3D printer, whose heater gets twice its
   voltage, each 0.05 s (no licence stated)
-- jckantor/CBE30338 @9341811, notebooks/data/0B.99-Step_Test_Data.csv: two thermometers of a third board, whose first
-  heater is switched on to half of its power, each second (CC BY-NC-ND 4.0)
+- jckantor/CBE30338 @9341811, notebooks/data/0B.99-Step_Test_Data.csv: two thermometers of another such board, whose
+  first heater is switched on to half of its power, each second (CC BY-NC-ND 4.0)
 - scottjames/coffee-roasting @f797287, logs/roast_*.alog: the probe among the beans of a coffee roaster and the one in
   its air, six roasts, each 1.5 s (MIT)
 
@@ -103,18 +101,6 @@ def two_powers_beside(cache: Path, out: Path) -> None:
     """The other one, which stays off; the first stands for the measured air."""
     airs, logs = _two_powers(cache)
     write_beside(out, logs, airs)
-
-
-def _in_turns(column: str) -> Callable[[Path, Path], None]:
-    """A run for each pair of powers but the rest before the first."""
-
-    def make(cache: Path, out: Path) -> None:
-        frame = pd.read_csv(cache / "SerfinHub/PIDNN/tclab_data.csv")
-        held = stretches((1000.0 * frame["Q1"] + frame["Q2"]).to_numpy())[1:]
-        time_s, value = frame["Time"].to_numpy(float), frame[column].to_numpy(float)
-        write_logs(out, T, [log_since(time_s[rows], value[rows]) for rows in held])
-
-    return make
 
 
 def rod(cache: Path, out: Path) -> None:
@@ -220,16 +206,14 @@ def eighth_sets() -> list[RealSet]:
         RealSet("SHT30 over a heating pad", T, pad, None, NO_WATER),
         RealSet("heater at a fifth and at three fifths", T, two_powers, None, NO_WATER),
         RealSet("beside a heater at a fifth and at three fifths", T, two_powers_beside, None, NO_WATER),
-        RealSet("first of two heaters in turns", T, _in_turns("T1"), None, NO_WATER),
-        RealSet("second of two heaters in turns", T, _in_turns("T2"), None, NO_WATER),
         RealSet("copper rod before a fan, air beside it", T, rod, None, NO_WATER),
         RealSet("cells of a battery without a fan", T, _cells((NO_FAN,), (2, 3, 4, 5)), None, NO_WATER),
         RealSet("cell of a battery with three fans", T, _cells(FANS, (2,)), None, NO_WATER),
         RealSet("porous silicon in five solutions", RH, silicon, None, dry),
         RealSet("eight probes in water that is warmed, air beside them", T, warmed_water, None, dry),
         RealSet("extruder to twice its voltage", T, extruder, None, NO_WATER),
-        RealSet("third board to half", T, to_half, None, NO_WATER),
-        RealSet("beside the heater of a third board", T, to_half_beside, None, NO_WATER),
+        RealSet("another board to half", T, to_half, None, NO_WATER),
+        RealSet("beside the heater of another board", T, to_half_beside, None, NO_WATER),
         # Beans dry as they are roasted.
         RealSet("bean probe of a roaster, air from the other probe", T, roasts, None, ("self_heating",)),
     ]
