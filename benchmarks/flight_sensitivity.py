@@ -34,7 +34,8 @@ SMOOTHER = (
     "comparisons.MOST_TIMES", "comparisons.COVERED_S", "prior.BINS_PER_OCTAVE", "screen.MOST_SHARE_OFF",
     "screen.LEAST_COLUMNS_APART", "smooth_channel.TO_AND_FRO", "smooth_channel.LEAST_CALM",
     "smooth_channel.PLACES_IN_GAP", "smooth_channel.COMPARABLE_SHARE", "stretches.LEAST_TURNED",
-    "stretches.FELT_SHARE", "stretches.ALIVE_SHARE", "sweep.GAP_NODES",
+    "stretches.FELT_SHARE", "stretches.ALIVE_SHARE", "sweep.GAP_NODES", "screen.FELT_SIGMAS", "screen.ON_THE_WAY",
+    "stretches.LEFT_SHARE", "unread.BLOCKS", "unread.FEWEST_BLOCKS", "unread.MOVED_SIGMAS", "unread.SURE_SIGMAS",
 )  # fmt: skip
 CAUSAL = (
     "causal_bank.LEARNING", "causal_bank.STRENGTH_LASTS_S", "causal_bank.BETWEEN_BENDS_S", "causal_bank.BEND_LASTS_S",

@@ -52,7 +52,7 @@ from shockrig.analysis.flight.smooth_channel import LONGEST_BRIDGE_S, Estimate, 
 from shockrig.analysis.flight.smoother import followed
 from shockrig.analysis.flight.stretches import MOST_SHARE, TO_SIGMA, Felt, fastest, largest_share
 from shockrig.analysis.flight.sweep import lags_behind
-from shockrig.analysis.flight.unread import where_unread
+from shockrig.analysis.flight.unread import APART_S, where_unread
 from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.flight import Flight
@@ -210,7 +210,6 @@ SATURATED_PERCENT = 100.0
 HIGHEST_FRACTION = 1.2
 SELDOM_FACTOR = 5.0  # times the usual between two readings of temperature
 VAGUE_NOISES = 10.0  # and so many times its noise
-APART_S = 3.0  # over which vapour and temperature are compared
 SMOOTHED_S = 1.0
 
 

@@ -21,10 +21,9 @@ from shockrig.analysis.flight.sweep import lags_behind
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 BLOCKS = 10  # of the flight, each with a slope of its own
-OVER_S = 3.0  # over which changes are compared
+APART_S = 3.0  # over which changes of vapour and temperature are compared
 FEWEST_BLOCKS = 4  # that tell of it
-LEAST_MOVED = 0.25  # of what the temperature moves by in the usual block; where it moves less, little is told
-MOVED_SIGMAS = 2.0  # and of what it is unsure by
+MOVED_SIGMAS = 2.0  # of what the temperature is unsure by, that it moves at least in a block that tells
 SURE_SIGMAS = 2.0
 OF_MEDIAN = 1.25  # times the standard error of a mean is that of a median
 
@@ -69,14 +68,13 @@ def goes_with(readings: FlightReadings, lagged: Array, sigma_k: float) -> tuple[
     """Slope of the readings against the temperature as the film lags behind it (n,), which is unsure by `sigma_k`, and
     its standard error; the less of it the more chance explains it."""
     time_s, period = readings.time_s, typical_period(readings.time_s)
-    lag = max(int(round(OVER_S / period)), 1)
+    lag = max(int(round(APART_S / period)), 1)
     known = readings.usable[lag:] & readings.usable[:-lag] & (time_s[lag:] - time_s[:-lag] < 2.0 * lag * period)
     y, x = ((values[lag:] - values[:-lag])[known] for values in (readings.reading, lagged))
     block = (np.arange(known.size) * BLOCKS // known.size)[known]
     along, square, count = (np.bincount(block, values, BLOCKS) for values in (x * y, x * x, np.ones(x.size)))
     moved = np.sqrt(square / np.maximum(count, 1.0))
     some = (count > 0) & (moved > MOVED_SIGMAS * sigma_k)
-    some &= moved > LEAST_MOVED * np.median(moved[count > 0]) if some.any() else some
     if np.count_nonzero(some) < FEWEST_BLOCKS:
         return 0.0, 0.0
     each = along[some] / square[some]
