@@ -254,16 +254,25 @@ class Corrector:
         while len(self.unreckoned) > self.after:
             self._humid(self.unreckoned.popleft())
         while len(self.on_the_way) > self.wait:
-            given.append(self._given(self.on_the_way.popleft()))
+            given.append(self._oldest())
         return given
 
     def flush(self) -> list[tuple[Value, Value]]:
-        """The rows that are still on their way, at a flight's end or before a gap."""
-        while self.unreckoned:
-            self._humid(self.unreckoned.popleft())
-        given = [self._given(seen) for seen in self.on_the_way]
-        self.on_the_way.clear()
+        """The rows that are still on their way, at a flight's end or before a gap: each before the hygrometer's filters
+        have gone past it, which remember their own part of the wait."""
+        given, remembered = [], self.wait - self.after
+        while self.on_the_way:
+            if self.unreckoned and len(self.on_the_way) - len(self.unreckoned) <= remembered:
+                self._humid(self.unreckoned.popleft())
+            else:
+                given.append(self._oldest())
         return given
+
+    def _oldest(self) -> tuple[Value, Value]:
+        seen = self.on_the_way.popleft()
+        if self.unreckoned and self.unreckoned[0] is seen:  # rows out of time were on their way behind it
+            self._humid(self.unreckoned.popleft())
+        return self._given(seen)
 
     def _in_order(self, seen: _Seen) -> bool:
         """The clock: whether a row follows the ones before. One that does not is out of place, unless more follow it;

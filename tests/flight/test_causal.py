@@ -250,6 +250,17 @@ def test_waiting_brings_the_smoother_nearer_and_uncertainties_hold(flown):
         assert np.mean(off <= 1.96 * done.humidity_uncertainty_percent[50:]) > 0.85
 
 
+def test_rows_that_an_end_cuts_short_are_their_own():
+    """Where a log ends the last rows wait for less. They were given the air of up to half of the wait before them."""
+    time_s, rng = 0.1 * np.arange(500), np.random.default_rng(15)
+    swing = 10.0 * np.sin(2.0 * np.pi * time_s / 20.0) + 0.05 * rng.standard_normal(500)
+    temperature, unknown = 20.0 + 0.01 * rng.standard_normal(500), np.full(500, np.nan)
+    log = Flight(time_s, temperature, 50.0 + swing, unknown, unknown, unknown)
+    whole, cut = (correct(log.at(slice(end)), typical_profile(), "causal", lag_s=5.0) for end in (500, 420))
+    off = np.abs(cut.humidity_percent - whole.humidity_percent[:420])
+    assert np.all(off[370:] <= 4.0 * cut.humidity_uncertainty_percent[370:])
+
+
 def test_what_is_no_reading_is_told_and_bridged(flown):
     flight, profile, truth = flown
     temperature, humidity, time_s = (
