@@ -141,11 +141,12 @@ class ChannelLearned:
     def gains(self) -> bool:
         """Whether passes of flights that were not fitted are more alike with the model than as read.
 
-        In structure, since a lag takes any mean for its own; or, where the model has an offset, in all.
+        In structure, since a lag takes any mean for its own. Where the model has an offset, in all: an offset is a
+        mean, and one that is not another flight's moves its passes apart.
         """
         offset = any(law.offset is not None and law.channel == self.channel for law in self.fit.laws)
         unseen = len(set(self.read.flight)) > 1
-        return self.model.spread < self.read.spread or (offset and unseen and self.model.rms < self.read.rms)
+        return self.model.rms < self.read.rms if offset and unseen else self.model.spread < self.read.spread
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,9 @@ from shockrig.analysis.learn.bins import SUB_SAMPLES, binned, passes, side_by_si
 from shockrig.analysis.learn.density import SensorModel, begun, density, prepared, slopes
 from shockrig.analysis.learn.fit import Learned, fitted, known_of
 from shockrig.analysis.learn.laws import LAWS, response
-from shockrig.analysis.learn.learn import CLOCK, FlightCause, LearnedNumber, learn
+from shockrig.analysis.learn.learn import CLOCK, ChannelLearned, FlightCause, FlightsLearned, LearnedNumber, learn
 from shockrig.analysis.learn.pair import beside, with_clock
-from shockrig.analysis.learn.passes import disagreement
+from shockrig.analysis.learn.passes import Disagreement, disagreement
 from shockrig.analysis.learn.profile import learned_profile, stated_by
 from shockrig.files.flight import Flight
 from shockrig.files.learned import read_learned
@@ -32,7 +32,7 @@ from shockrig.files.profile_data import ResponseTime
 from shockrig.protocols.cli import main
 from shockrig.protocols.commands.correct import offered
 from shockrig.protocols.flight_logs import read_log
-from shockrig.protocols.learning import of_columns, on_clock_of, sentence, shift_by_pressure
+from shockrig.protocols.learning import disagree, of_columns, on_clock_of, sentence, shift_by_pressure
 
 WORLDS = benchmark("learn_worlds")
 EXAMPLES = Path(__file__).parents[2] / "data" / "examples"
@@ -195,6 +195,32 @@ def test_a_number_at_its_bound_gains_nothing_beyond_it():
 
     assert gained(known[1].low)[0] <= 0.0 < gained(known[1].mean)[0]
     assert gained(known[1].low)[1][1] == known[1].high  # without the half that pulls it down, no further than may be
+
+
+@pytest.mark.parametrize(
+    ("keys", "unseen", "mean", "gains"),
+    [
+        (("offset_in_descent",), True, -0.2, False),  # the offset of other flights moves the passes apart
+        (("offset_in_descent",), True, 0.0, True),
+        (("ventilated_warmth",), True, -0.2, False),
+        (("lag",), True, -0.2, True),  # what the air did meanwhile
+        (("offset_in_descent",), False, -0.2, True),  # of one flight the mean is the fit's own
+    ],
+)
+def test_an_offset_that_parts_unseen_passes_is_no_gain(keys, unseen, mean, gains):
+    """As at One Tree Island: layers 0.28 K apart as read and 0.20 K with the model, which moves the mean by 0.2 K."""
+    names = ("one", "two" if unseen else "one")
+    names = tuple(name for name in names for _ in range(4))
+    layers, waves = np.linspace(100.0, 800.0, 8), np.tile([1.0, -1.0], 4)
+    read, model = (Disagreement(names, layers, by + size * waves) for by, size in ((0.0, 0.28), (mean, 0.20)))
+    laws, nothing = tuple(LAWS[f"temperature.{key}"] for key in keys), np.zeros(0)
+    fit = Learned(laws, (), nothing, (), nothing, nothing, nothing, ("temperature",))
+    (lag,) = LAWS["temperature.lag"].parameters
+    cause = FlightCause(LAWS["temperature.lag"], 0.6, (LearnedNumber(lag, 2.0, 0.5),))
+    one = ChannelLearned("temperature", "tied", (cause,), (), (), 3.0, "", fit, fit, read, model, model)
+    assert one.gains is gains
+    assert (learned_profile(FlightsLearned((), {}, {"temperature": one}), {}) is not None) is gains
+    assert ("no gain" in disagree(one)) is not gains
 
 
 def test_a_number_without_a_unit_keeps_its_last_digit():
