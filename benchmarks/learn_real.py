@@ -139,11 +139,14 @@ def table(cache: Path, made: Path, clock_s: float, only: str, shifted: bool = Fa
             continue
         spent = time.process_time() - began
         lines += [f"{name}: {len(found.bins)} of {len(paths)} flights, {spent:.0f} s of a core"]
+        profile = learned_profile(found, {})
         for one in () if clock_s else found.channels.values():
             lines.append(f"  {sentence(one)}")
             for said, off in (("as read", one.read), ("best single lag", one.single), ("likeliest model", one.model)):
                 lines.append(f"    {said:<16} mean {off.mean:+6.2f}   about it {off.spread:5.2f}   rms {off.rms:5.2f}")
+            kept = profile is None or getattr(profile, one.channel) is None
             lines.append(f"    refuted by structure: {', '.join(one.refuted) or 'nothing'}")
+            lines.append(f"    profile of all flights: {'leaves it as it is read' if kept else 'corrects it'}")
         for cause in found.position:
             (shift,) = cause.parameters
             lines.append(
