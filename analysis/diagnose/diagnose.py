@@ -157,12 +157,6 @@ def own_temperature_unknown(channel: Channel) -> bool:
     return bool(channel.name == "humidity" and not np.isfinite(channel.die_c).any() and not channel.isothermal.all())
 
 
-def air_of_a_film_unknown(channel: Channel) -> bool:
-    """Whether a film went through changes of temperature in airs that nobody recorded, or with dew on it."""
-    warmed = channel.name == "humidity" and not channel.isothermal.all()
-    return bool(warmed and (not channel.conditions.airs_known.all() or np.isfinite(channel.wet_until_s).any()))
-
-
 def has_repeats(channel: Channel) -> bool:
     """Whether any two runs had the same airs and airflow, within what chambers reach."""
     c = channel.conditions

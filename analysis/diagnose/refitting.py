@@ -69,11 +69,6 @@ def rate_shift(effect: Effect, channel: Channel) -> float:
     return float(np.log(effect.start.rate_factor(channel))) if effect.start.rate_factor else 0.0
 
 
-def has_steps(problem: Problem, structure: Structure) -> bool:
-    """Whether a model's objective has steps or ridges, before which a fit may end."""
-    return any(effect.start.nudges and effect.start.nudges(problem.channel) for effect in structure.effects)
-
-
 def _nudged(problem: Problem, found: Fit) -> list[Fit]:
     """Fits from beside where one ended, where the objective has steps or ridges: from those that begin best."""
     deviations, begun = begun_anew(problem, found), list[tuple[float, Array]]()

@@ -350,6 +350,3 @@ def by_name(effect: Effect, values: Values) -> dict[str, float]:
 def unchanged(chain: Chain, values: Arrays) -> Chain:
     """The chain as it is, for effects of the single readings that leave the mean response alone."""
     return chain
-
-
-PAPER = "Segales et al. 2022, doi 10.5194/amt-15-2607-2022"

@@ -85,13 +85,6 @@ def coverage(estimate: Array, uncertainty: Array, truth: Array, sigmas: float = 
     return float(np.mean(np.abs(estimate - truth)[known] <= sigmas * uncertainty[known]))
 
 
-def resolved_hz(frequency: Array, power: Array, truth: Array, factor: float = 2.0) -> float:
-    """Highest frequency up to which a signal's spectrum stays within `factor` of the truth's."""
-    x, ratio = gathered(frequency, power)[0], gathered(frequency, power)[1] / gathered(frequency, truth)[1]
-    lost = np.flatnonzero((ratio < 1 / factor) | (ratio > factor))
-    return float(x[lost[0] - 1] if lost.size and lost[0] else x[-1])
-
-
 def mean_of(values: Sequence[float]) -> float:
     """Mean without NaN."""
     known = [v for v in values if v == v]

@@ -290,10 +290,6 @@ def with_clock(
     return [climbed(ends, every, stated) for ends in hopeful(list(tried.values()), every)]
 
 
-def _pair(fit: Learned, channel: str = "") -> SensorsBeside:
-    return next(law for law in fit.laws if isinstance(law, SensorsBeside) and channel in ("", law.channel))
-
-
 def _every_law(model: Sequence[Learned]) -> list[Law]:
     found: list[Law] = []
     for law in (law for part in model for law in part.laws):

@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 from shockrig.analysis.plan.legs import (
     CORNERS,
@@ -29,7 +28,7 @@ from shockrig.analysis.plan.legs import (
     seconds_of,
 )
 from shockrig.files.errors import InputError
-from shockrig.files.mission import Command, Item, Mission, write_mission
+from shockrig.files.mission import Command, Item, Mission
 from shockrig.files.ranges import LIKELY, Range
 
 EARTH_RADIUS_M = 6_371_000.0
@@ -225,28 +224,6 @@ def words(plan: FlightPlan) -> list[str]:
 def mission_of(plan: FlightPlan) -> Mission:
     """The commands of a flight."""
     return Mission(plan.home, tuple(_items(plan)), LEVEL_USUAL_M_S)
-
-
-def write_waypoints(plan: FlightPlan, path: Path) -> None:
-    """Write the flight as a `.waypoints` file (QGC WPL 110: Mission Planner, MAVProxy, QGroundControl).
-
-    Raises
-    ------
-    InputError
-        The name does not end so, or the file cannot be written.
-    """
-    write_mission(_named(path, ".waypoints"), mission_of(plan))
-
-
-def write_plan(plan: FlightPlan, path: Path) -> None:
-    """Write the flight as QGroundControl's `.plan` file; errors as `write_waypoints`."""
-    write_mission(_named(path, ".plan"), mission_of(plan))
-
-
-def _named(path: Path, suffix: str) -> Path:
-    if path.suffix != suffix:
-        raise InputError(f"{path}: its name ends in {suffix}; name it so")
-    return path
 
 
 def _items(plan: FlightPlan) -> Iterator[Item]:

@@ -18,10 +18,9 @@ from shockrig.analysis.plan.mission import (
     minutes,
     mission_of,
     words,
-    write_plan,
-    write_waypoints,
 )
 from shockrig.files.errors import InputError
+from shockrig.files.mission import write_mission
 
 HOME = (46.8130, 6.9430, 491.0)
 LEGS = (
@@ -42,7 +41,7 @@ def metres(place: tuple[float, float]) -> tuple[float, float]:
 
 
 def test_pymavlink_reads_the_waypoints(tmp_path):
-    write_waypoints(PLAN, tmp_path / "flight.waypoints")
+    write_mission(tmp_path / "flight.waypoints", mission_of(PLAN))
     loader = mavwp.MAVWPLoader()
     count = loader.load(str(tmp_path / "flight.waypoints"))
     read = [loader.wp(k) for k in range(count)]
@@ -73,7 +72,7 @@ def test_pymavlink_reads_the_waypoints(tmp_path):
 
 def test_a_plan_is_as_qgroundcontrol_publishes_it(tmp_path):
     """Keys and types of its developer guide's plan format, and the same items as the .waypoints."""
-    write_plan(PLAN, tmp_path / "flight.plan")
+    write_mission(tmp_path / "flight.plan", mission_of(PLAN))
     content = json.loads((tmp_path / "flight.plan").read_text())
     assert (content["fileType"], content["version"], content["groundStation"]) == ("Plan", 1, "QGroundControl")
     assert content["geoFence"] == {"circles": [], "polygons": [], "version": 2}
@@ -83,7 +82,7 @@ def test_a_plan_is_as_qgroundcontrol_publishes_it(tmp_path):
     assert mission["firmwareType"] == mavutil.mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
     assert mission["vehicleType"] == mavutil.mavlink.MAV_TYPE_QUADROTOR
     assert {"cruiseSpeed", "hoverSpeed", "globalPlanAltitudeMode"} <= mission.keys()
-    write_waypoints(PLAN, tmp_path / "flight.waypoints")
+    write_mission(tmp_path / "flight.waypoints", mission_of(PLAN))
     lines = (tmp_path / "flight.waypoints").read_text().splitlines()[2:]
     assert len(mission["items"]) == len(lines)
     for number, (item, line) in enumerate(zip(mission["items"], lines, strict=True), start=1):
@@ -150,6 +149,6 @@ def test_a_mission_lands_where_it_is_and_a_wrong_name_is_refused(tmp_path):
     plan = FlightPlan(HOME, (Hover(10.0, 30.0),), end="land")
     assert mission_of(plan).items[-1].command == 21 and words(plan)[-2] == "Land."
     with pytest.raises(InputError, match=r"\.waypoints"):
-        write_waypoints(plan, Path("flight.txt"))
+        write_mission(Path("flight.txt"), mission_of(plan))
     with pytest.raises(InputError, match="folder that can be written"):
-        write_plan(plan, tmp_path / "none" / "flight.plan")
+        write_mission(tmp_path / "none" / "flight.plan", mission_of(plan))
