@@ -247,8 +247,10 @@ def held_out_squares(channel: Channel, problem: Problem, parts: Sequence[HeldOut
     """Mean square errors (R,) of the runs that can be held out under a model that was fitted anew without them."""
     squares = []
     for one in parts:
-        _, found = _fitted(one.part, one.bump, model, model.fit.structure, one.train)
-        found = found if found.structure.ids else plainly(found)
+        own, found = model.fit.structure, one.plain
+        if own.ids != found.structure.ids:
+            _, found = _fitted(one.part, one.bump, model, own, one.train)
+        found = found if own.ids else plainly(found)
         squares.append(run_errors(channel.select(one.test), problem.select(one.test), found))
     return np.concatenate(squares)
 

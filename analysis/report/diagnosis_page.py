@@ -316,7 +316,7 @@ def _rivals(view: ChannelView, figure: list[Figure]) -> list[Block]:
         share = f"{100 * weight:.1f} %" if weight >= LEAST_WEIGHT else f"below {plain(100 * LEAST_WEIGHT, 1)} %"
         behind = search.best.score.total - one.score.total
         said = "stated" if one is search.best else worse(behind)
-        said += ", predicts" if one is view.found.predicting.model is not search.best else ""
+        said += ", in the profile" if one is view.found.predicting.model is not search.best else ""
         numbers = [_signed(-behind), _signed(one.log_prior - search.best.log_prior)]
         rows.append([effects, share, said, *numbers, f"{plain(100 * one.score.discrepancy, 2)} %"])
     columns = ("model", "weight", "on unseen runs", "score, nats", "prior, nats", "discrepancy")
