@@ -31,26 +31,44 @@ Array = NDArray[np.float64]
 #     gamma_l + sum_k q^2 / (2 pi^2 k^2) exp(-(2 pi k / q)^2 (gamma_0 - gamma_l)) cos(2 pi k (y_i - y_j) / q).
 
 HARMONICS = 24
+TOLD_BY_ROUNDING = 1e-4  # of a step squared: less of a covariance is none
 COARSE_IN_NOISE = 2.0  # below this step in units of the noise the error is as good as white
 
 
-def rounding_covariance(signal: Array, lag: NDArray[np.int64], gamma: Array, step: float) -> Array:
-    """Covariance (n, n) [unit^2] of what rounding to `step` adds to the errors of a run's samples.
+def rounding_covariance(
+    signal: Array, index: NDArray[np.int64], count: NDArray[np.int64], gamma: Array, step: float
+) -> Array:
+    """Covariance (m, m) [unit^2] of what rounding to `step` adds to the errors of the means of a run's bins.
 
-    `signal` (n,) is the reading without noise and rounding [channel's unit], known to a fraction of a step; the samples
-    are `lag` (n, n) apart, their noise has the autocovariance `gamma` (lags,) before it is rounded.
+    `signal` (n,) is the reading without noise and rounding [channel's unit], known to a fraction of a step, at places
+    `index` (n,) on the sampling grid; `count` (m,) of the samples, one after the other, are in each bin. Their noise
+    has the autocovariance `gamma` (lags,) before it is rounded.
+
+    Beyond the noise's memory a harmonic's covariance is that of its waves alone, whatever the lag: of bins it is the
+    product of their sums. Only nearer pairs of samples are taken one by one.
     """
     decays = _decays(gamma, step)
-    phase = 2.0 * np.pi / step * signal
-    at = np.minimum(lag, gamma.size - 1)
-    total = np.zeros(lag.shape)
-    told = decays[:, 1:].max(axis=1) > 1e-4 * step**2  # the others are as good as white
-    for k in np.flatnonzero(told) + 1:
-        decay = decays[k - 1]
-        wave = np.stack([np.cos(k * phase), np.sin(k * phase)], axis=-1)
-        total += decay[at] * (wave @ wave.T)
-    total[np.diag_indices_from(total)] += step**2 / 12.0 - decays[told, 0].sum()
-    return total
+    told = np.flatnonzero(decays[:, 1:].max(axis=1) > TOLD_BY_ROUNDING * step**2)  # the others are as good as white
+    decays, starts = decays[told], np.concatenate([[0], np.cumsum(count)[:-1]])
+    turns = np.exp(1j * (2.0 * np.pi / step) * (told[:, None] + 1.0) * signal)  # (K, n)
+    far = decays[:, min(int(index[-1] - index[0]), gamma.size - 1), None]
+    sums = np.sqrt(far) * np.add.reduceat(turns, starts, axis=1)
+    total = np.real(sums.T @ sums.conj())
+    nearer = np.where(decays - far > TOLD_BY_ROUNDING * step**2, decays - far, 0.0)
+    nearer[:, 0] = decays[:, 0] - far[:, 0]
+    reach = int(np.flatnonzero(nearer.any(axis=0)).max(initial=0)) + 1
+    bin_of, bins = np.repeat(np.arange(count.size), count), count.size
+    for apart in range(min(reach, signal.size)):
+        first, second = slice(signal.size - apart), slice(apart, None)
+        lag = index[second] - index[first]
+        if lag.min() >= reach:
+            break
+        waves = np.real(turns[:, first] * turns[:, second].conj())
+        of_pair = np.where(lag < reach, (nearer[:, np.minimum(lag, gamma.size - 1)] * waves).sum(axis=0), 0.0)
+        own = np.bincount(bin_of[first] * bins + bin_of[second], of_pair, bins**2).reshape(bins, bins)
+        total += own if apart == 0 else own + own.T
+    total[np.diag_indices_from(total)] += count * (step**2 / 12.0 - decays[:, 0].sum())
+    return np.asarray(total / (count[:, None] * count[None, :]))
 
 
 def rounded_autocovariance(gamma: Array, step: float) -> Array:
@@ -544,15 +562,9 @@ def whiteners(channel: Channel, noise: Noise, signals: Sequence[Array] | None = 
             continue
         used = channel.bin_of[run] >= 0
         index = places[run][used]
+        summed = _of_means(twice_summed, index, count[filled])
         if step and signals is not None:
-            lag = np.abs(index[:, None] - index[None, :])
-            covariance: Array = np.where(lag < gamma.size, gamma[np.minimum(lag, gamma.size - 1)], 0.0)
-            covariance += rounding_covariance(signals[run][used], lag, gamma, step)
-            starts = np.concatenate([[0], np.cumsum(count[filled])[:-1]])
-            summed = np.add.reduceat(np.add.reduceat(covariance, starts, axis=0), starts, axis=1)
-            summed /= count[filled][:, None] * count[filled][None, :]
-        else:
-            summed = _of_means(twice_summed, index, count[filled])
+            summed += rounding_covariance(signals[run][used], index, count[filled], gamma, step)
         factor = linalg.cholesky(summed + 1e-12 * gamma[0] * np.eye(filled.size), lower=True)
         whitener[run][np.ix_(filled, filled)] = linalg.solve_triangular(factor, np.eye(filled.size), lower=True)
     return whitener

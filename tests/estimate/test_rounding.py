@@ -51,9 +51,21 @@ def test_covariance_of_a_rounded_transient():
     errors = rounded(signal, 0.05, 0.03, 0.9, 40_000, 3)
     gamma = unrounded(0.05, 0.03, 0.9, 40)
     lag = np.abs(np.subtract.outer(np.arange(40), np.arange(40)))
-    own = rounding_covariance(signal, lag, gamma, STEP) + gamma[lag]
+    one_each = np.ones(40, dtype=int)
+    own = rounding_covariance(signal, np.arange(40), one_each, gamma, STEP) + gamma[lag]
     assert own == pytest.approx(errors.T @ errors / 40_000, abs=1e-3)
     assert np.linalg.eigvalsh(own).min() > 0.0
+
+
+def test_covariance_of_means_is_that_of_their_samples():
+    signal, index = 3.0 * (1.0 - np.exp(-np.arange(40) / 12.0)), np.cumsum(np.resize([1, 1, 3], 40))
+    gamma = unrounded(0.05, 0.03, 0.9, index[-1] + 3)
+    count = np.array([1, 2, 4, 7, 11, 15])
+    each = rounding_covariance(signal, index, np.ones(40, dtype=int), gamma, STEP)
+    starts = np.concatenate([[0], np.cumsum(count)[:-1]])
+    summed = np.add.reduceat(np.add.reduceat(each, starts, axis=0), starts, axis=1)
+    own = rounding_covariance(signal, index, count, gamma, STEP)
+    assert own == pytest.approx(summed / np.multiply.outer(count, count), abs=1e-12)
 
 
 def plunge(noise, low=2.4, high=25.1):
