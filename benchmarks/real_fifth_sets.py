@@ -2,9 +2,10 @@
 
 Each file lies in a cache as published, at DIR/OWNER/NAME/PATH of its repository on github:
 
-- nbauersfeld/tclab @667c274, data/tclab.model.{4.7,q.1,q.2,q.3}.csv: two thermometers of a control course's board, on
+- nbauersfeld/tclab @667c274, data/tclab.model.{4.7,q.2,q.3}.csv: two thermometers of a control course's board, on
   a heater that is switched in equal cycles or to random powers for random times, and on one beside it that is left
-  off, each second (no licence stated)
+  off, each second (no licence stated); q.1 is left out: its readings are whole multiples of a step from 20.9495 degC on,
+  as those of the board's emulator are
 - jm1261/ThermocoupleMonitoring @da44eee, Tutorials/Cups_of_Tea.csv: five thermometers put into cups of hot tea, which
   cool, each 5 s (MIT)
 
@@ -45,8 +46,8 @@ def beside(cache: Path, out: Path) -> None:
 
 
 def random_powers(cache: Path, out: Path) -> None:
-    """All powers of three logs that were held for long enough."""
-    logs = [one for name in ("q.1", "q.2", "q.3") for one in _board(cache, name, "T1")]
+    """All powers of two logs that were held for long enough."""
+    logs = [one for name in ("q.2", "q.3") for one in _board(cache, name, "T1")]
     write_logs(out, T, [log for log in logs if len(log) >= LEAST_ROWS])
 
 
