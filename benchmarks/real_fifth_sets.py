@@ -4,8 +4,8 @@ Each file lies in a cache as published, at DIR/OWNER/NAME/PATH of its repository
 
 - nbauersfeld/tclab @667c274, data/tclab.model.{4.7,q.2,q.3}.csv: two thermometers of a control course's board, on
   a heater that is switched in equal cycles or to random powers for random times, and on one beside it that is left
-  off, each second (no licence stated); q.1 is left out: its readings are whole multiples of a step from 20.9495 degC on,
-  as those of the board's emulator are
+  off, each second (no licence stated); q.1 is left out: its readings are whole steps from 20.9495 degC on, as those of
+  the board's emulator are
 - jm1261/ThermocoupleMonitoring @da44eee, Tutorials/Cups_of_Tea.csv: five thermometers put into cups of hot tea, which
   cool, each 5 s (MIT)
 

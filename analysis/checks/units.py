@@ -29,6 +29,7 @@ from shockrig.analysis.checks.signals import (
 )
 from shockrig.analysis.physics.humidity import dew_point_c
 from shockrig.files.campaign import Run
+from shockrig.files.campaign_names import KNOWN_KINDS
 from shockrig.files.traces import Trace
 
 RUN_JSON = "run.json"
@@ -244,7 +245,8 @@ def times_in_milliseconds(view: CampaignView) -> Iterator[InputFinding]:
     """`time_s` in milliseconds: against the other sensor, against the stated start, or by how far readings are apart.
 
     Where nothing else tells: readings more than a minute apart that are no whole number of quarter minutes apart, as
-    environmental loggers take them, or responses slower than any sensor's.
+    environmental loggers take them (a warning for a kind of sensor that is not known), or responses slower than any
+    sensor's.
     """
     certain: dict[str, dict[str, str]] = {}
     apart: dict[str, dict[str, float]] = {}
@@ -274,18 +276,20 @@ def times_in_milliseconds(view: CampaignView) -> Iterator[InputFinding]:
         slow = _slowest_s(view, names, runs)
         if not odd and slow < limit("slowest_rise_s"):
             continue
+        # How slow a sensor of another kind may be nobody knows: its own clock is not refused.
+        sure = odd and all(_may_be_known(view, n) for n in names)
         shown = f" and respond within {slow:.3g} s" if slow else ""
         yield InputFinding(
             "milliseconds",
             _channel_of_sensors(names),
             runs,
-            "stop" if odd else "warn",
+            "stop" if sure else "warn",
             f"The readings in {_files(names)} of {view.words(runs)} are {period:.4g} s apart{shown}: "
             + (
                 "time_s seems to be in milliseconds, divide it (and transfer.start_s) by 1000."
-                if odd
-                else "no sensor is so slow. Either what was measured changed so slowly itself: then log the air or the "
-                "water beside it, as its reference; or time_s is in milliseconds: then divide it (and "
+                if sure
+                else "few sensors are so slow. Either what was measured changed so slowly itself: then log the air or "
+                "the water beside it, as its reference; or time_s is in milliseconds: then divide it (and "
                 "transfer.start_s) by 1000."
             ),
         )
@@ -311,6 +315,12 @@ def starts_in_milliseconds(view: CampaignView) -> Iterator[InputFinding]:
             f"transfer.start_s in run.json of {view.words(runs)} seems to be in milliseconds ({shown}): "
             "divide it by 1000.",
         )
+
+
+def _may_be_known(view: CampaignView, sensor: str) -> bool:
+    """Whether nothing says that a sensor is of another kind than those whose bodies are known."""
+    kind = view.campaign.sensors.get(sensor, {}).get("kind")
+    return not kind or kind in KNOWN_KINDS
 
 
 def _says_its_unit(run: Run) -> bool:

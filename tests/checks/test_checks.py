@@ -217,6 +217,11 @@ def test_seconds_of_a_slow_logger_are_no_milliseconds():
 
     assert kinds(every(30.0, 300.0)) == kinds(every(60.0, 300.0)) == kinds(every(10.0, 400.0)) == []
     assert kinds(every(100.0, 1000.0)) == kinds(every(10.0, 5000.0)) == ["milliseconds"]
+    (found,) = check_campaign(every(100.0, 1000.0))
+    assert found.severity == "stop"
+    other = replace(every(100.0, 1000.0), sensors={"imet": {"kind": "porous silicon", "body": "lumped"}})
+    (found,) = check_campaign(other)  # how slow that is nobody knows
+    assert found.severity == "warn" and "changed so slowly itself" in found.sentence
 
 
 def test_two_groups_are_those_of_every_labelling():
