@@ -206,13 +206,7 @@ def diagnose_channel(
     channel, hum = without_hum(channel)
     ready = prepare(channel) if ready is None or hum is not None else ready
     progress(f"{channel.name}: searching for what explains it")
-    rough = first_look(ready.problem, ready.structure) if ready.rounds_coarsely else None
-    ready = with_rounding(ready, rough)
-    found = search(ready.problem, ready.structure, earlier, describing)
-    averaged = likelier_average(ready, found, judge(ready.problem, found.best.fit, ready.noise).passed)
-    if averaged is not None:
-        ready = with_rounding(prepare(channel, averaged), rough)
-        found = search(ready.problem, ready.structure, earlier, describing)
+    ready, found = _searched(channel, ready, earlier, describing)
     problem = ready.problem
     progress(f"{channel.name}: measuring the gain on unseen runs")
     tolerance = tolerance or Tolerance()
@@ -270,6 +264,18 @@ def diagnose_channel(
         tried=_tried(found),
         discrepancy=describe(problem, found.best.fit, ready.noise, adequacy) if told else None,
     )
+
+
+def _searched(channel: Channel, ready: Prepared, earlier: Earlier | None, describing: bool) -> tuple[Prepared, Search]:
+    """The search, with what coarse codes do to errors; anew where a running mean of another length is likelier."""
+    rough = first_look(ready.problem, ready.structure) if ready.rounds_coarsely else None
+    ready = with_rounding(ready, rough)
+    found = search(ready.problem, ready.structure, earlier, describing)
+    averaged = likelier_average(ready, found, judge(ready.problem, found.best.fit, ready.noise).passed)
+    if averaged is None:
+        return ready, found
+    ready = with_rounding(prepare(channel, averaged), rough)
+    return ready, search(ready.problem, ready.structure, earlier, describing)
 
 
 def _final(problem: Problem, model: Rated, than_runs: bool) -> Fit:
