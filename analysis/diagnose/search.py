@@ -364,7 +364,7 @@ class Race:
         if not is_described(effect) or not any(is_group(how) for _, how in form_of(effect).depends_on):
             return effect
         other = self._regrouped(near, effect)
-        if other is None:
+        if other is None or not other.fits(near.fit.structure):
             return effect
         moved = other.effect.id
         if moved not in place.fits:

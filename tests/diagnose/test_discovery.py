@@ -204,7 +204,7 @@ def test_what_is_there_in_a_group_of_runs_is_found_and_told_as_such(warm_rates):
     assert "it depends on the order of the runs (only from the 10th run on)" in said
 
 
-def test_a_group_of_runs_is_found_whichever_group_was_begun_in(warm_rates):
+def test_a_group_of_runs_is_found_whichever_group_was_begun_in(warm_rates, monkeypatch):
     """A lag before the body from the nineteenth run on, which a fit without it hides in the rate of all runs: begun in
     the last eight runs, the form moves to the group that makes the readings likeliest."""
     channel = build_plain(warm_rates.problem.channel)
@@ -222,6 +222,9 @@ def test_a_group_of_runs_is_found_whichever_group_was_begun_in(warm_rates):
     found = race.forward(plain, [begun])
     assert found is not None and found.ids == {form.key}
     assert found.fit.values()[form.key]["time_constant_s"][0] == pytest.approx(true, abs=0.02)
+    # Beside a model that has it there already it stays where it was begun: no model holds an effect twice.
+    monkeypatch.setattr(race, "_regrouped", lambda near, effect: in_group_of(bare, f"{ONLY_FROM}18", channel))
+    assert race._in_its_group(found, begun.effect.id) == begun.effect.id
 
 
 @pytest.mark.parametrize("whole", [False, pytest.param(True, marks=pytest.mark.trial)])
