@@ -17,6 +17,7 @@ from shockrig.analysis.checks.signals import (
     UNITS,
     CampaignView,
     ColumnSeen,
+    mostly_impossible,
     stated,
 )
 from shockrig.analysis.checks.units import in_kelvin
@@ -29,7 +30,7 @@ def impossible_readings(view: CampaignView) -> Iterator[InputFinding]:
         lost, kelvin = {}, in_kelvin(view, sensor)
         for run in view.campaign.runs:
             trace = getattr(run, sensor)
-            if trace is None or trace.dropped.get("implausible", 0) <= trace.time_s.size:
+            if trace is None or not mostly_impossible(trace):
                 continue
             odd = [(n, x) for n, x in trace.impossible.items() if not (n == "temperature_c" and run.id in kelvin)]
             if odd:

@@ -27,6 +27,11 @@ OTHER_SENSOR = {"imet": "hyt", "hyt": "imet"}
 UNITS = {TEMPERATURE: "°C", HUMIDITY: "%RH", DIE: "°C"}
 
 
+def mostly_impossible(trace: Trace) -> bool:
+    """Whether more readings were dropped as beyond what can be than were kept."""
+    return trace.dropped.get("implausible", 0) > trace.time_s.size
+
+
 @dataclass(frozen=True)
 class ColumnSeen:
     """One column of one run.

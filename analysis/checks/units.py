@@ -25,6 +25,7 @@ from shockrig.analysis.checks.signals import (
     Array,
     CampaignView,
     ColumnSeen,
+    mostly_impossible,
     stated,
 )
 from shockrig.analysis.physics.humidity import dew_point_c
@@ -149,7 +150,7 @@ def _median_c(trace: Trace | None) -> float:
     if trace is None:
         return float("nan")
     readings = trace.values.get("temperature_c", np.array([]))
-    if trace.dropped.get("implausible", 0) > trace.time_s.size:
+    if mostly_impossible(trace):
         return float(trace.impossible.get("temperature_c", np.nan))
     return float(np.nanmedian(readings)) if np.isfinite(readings).any() else float("nan")
 

@@ -51,12 +51,13 @@ from shockrig.files.diagnosis_data import Discovered
 from shockrig.files.errors import InputError
 from shockrig.files.numbers import counted
 
-# What a channel's runs cannot tell, whatever is in them: said before anything is fitted.
-
 Array = NDArray[np.float64]
 
 MOST_PREDICTING = 8  # models of the largest weight that are tried on runs held out
-TINY = 1e-30
+TINY = 1e-30  # of a mean square or a weight, whose logarithm is taken
+
+# What a channel's runs cannot tell, whatever is in them: said before anything is fitted.
+
 MOST_IN_PLACE = 3  # models tied with one that runs held out refute, that are tried in its place
 SAME_AIRFLOW = 1.2  # ratio between airflows below which they are one
 
@@ -300,9 +301,13 @@ def _predicting(
     problem = ready.problem
     heavy = (one for one in found.pool[:MOST_PREDICTING] if found.weight(one) >= LEAST_WEIGHT)
     among = {id(one): one for one in (*heavy, found.best, found.plain)}
-    squares = {key: held_out_squares(channel, problem, parts, one) for key, one in among.items() if parts}
-    told = {key: float(np.log(np.maximum(own, TINY)).sum()) for key, own in squares.items()}
-    told = {key: loss - np.log(max(found.weight(among[key]), TINY)) for key, loss in told.items() if np.isfinite(loss)}
+    log_squares = {
+        key: np.log(np.maximum(held_out_squares(channel, problem, parts, one), TINY))
+        for key, one in among.items()
+        if parts
+    }
+    losses = {key: own.sum() - np.log(max(found.weight(among[key]), TINY)) for key, own in log_squares.items()}
+    told = {key: loss for key, loss in losses.items() if np.isfinite(loss)}
     model = among[min(told, key=told.__getitem__)] if told else found.pool[0]
     if model is found.best:
         return stands
@@ -312,13 +317,13 @@ def _predicting(
         fit,
         _causes(ready, stated_so, fit),
         (*stated(problem, stated_so, fit), *shown),
-        (_middle(squares[id(found.best)]), _middle(squares[id(model)])) if told else None,
+        (_middle(log_squares[id(found.best)]), _middle(log_squares[id(model)])) if told else None,
     )
 
 
-def _middle(squares: Array) -> float:
-    """Geometric mean of the rms errors of runs [unit]."""
-    return float(np.exp(0.5 * np.log(np.maximum(squares, TINY)).mean()))
+def _middle(log_squares: Array) -> float:
+    """Geometric mean of the rms errors of runs [unit], from the logarithms of their squares (R,)."""
+    return float(np.exp(0.5 * log_squares.mean()))
 
 
 def _borne_out(

@@ -185,7 +185,8 @@ def kinds(channel: Channel) -> NDArray[np.int64]:
 class HeldOutPart:
     """One fold: which runs the models are fitted to, and which of the others, `test`, they predict.
 
-    `plain` is the plain model fitted to the former, `value` its value there [nats].
+    `plain` is the plain model fitted to the former, `value` its value there [nats]; `squares` are the mean square
+    errors of the latter under it, without what single readings have shown.
     """
 
     train: NDArray[np.bool_]
@@ -194,6 +195,7 @@ class HeldOutPart:
     bump: Array
     plain: Fit
     value: float
+    squares: Array
 
 
 def held_out_parts(channel: Channel, problem: Problem, plain: Rated) -> list[HeldOutPart]:
@@ -216,7 +218,8 @@ def held_out_parts(channel: Channel, problem: Problem, plain: Rated) -> list[Hel
         told = told < np.maximum(UNTOLD_SIGMA, USUAL_LOSS * known)
         test = test[told[channel.ambient[test]]]
         if test.size:
-            found.append(HeldOutPart(train, test, part, bump, simple, value))
+            squares = run_errors(channel.select(test), problem.select(test), plainly(simple))
+            found.append(HeldOutPart(train, test, part, bump, simple, value, squares))
     return found
 
 
@@ -229,17 +232,15 @@ def measure_gain(
     before, after = np.full(channel.runs, np.nan), np.full(channel.runs, np.nan)
     added = [e for e in best.fit.structure.ids if e not in base.ids]
     for one in parts:
-        held, bins = channel.select(one.test), problem.select(one.test)
-        before[one.test] = run_errors(held, bins, plainly(one.plain))
+        before[one.test] = after[one.test] = one.squares
         if not best.fit.structure.ids:
-            after[one.test] = before[one.test]
             continue
         whole = best.fit.structure
         smaller = [whole.dropping(e) for e in added] if len(added) > 1 else []
         tried = [_fitted(one.part, one.bump, best, structure, one.train) for structure in (whole, *smaller)]
         tried.append((one.value, one.plain))
         _, chosen = max(tried, key=lambda found: found[0])
-        after[one.test] = run_errors(held, bins, chosen)
+        after[one.test] = run_errors(channel.select(one.test), problem.select(one.test), chosen)
     return summarise(before, after, noise.while_moving, kinds(channel))
 
 
@@ -248,9 +249,11 @@ def held_out_squares(channel: Channel, problem: Problem, parts: Sequence[HeldOut
     squares = []
     for one in parts:
         own, found = model.fit.structure, one.plain
+        if not own.ids:
+            squares.append(one.squares)
+            continue
         if own.ids != found.structure.ids:
             _, found = _fitted(one.part, one.bump, model, own, one.train)
-        found = found if own.ids else plainly(found)
         squares.append(run_errors(channel.select(one.test), problem.select(one.test), found))
     return np.concatenate(squares)
 

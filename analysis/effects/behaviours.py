@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import DIFFERS_BY, TINY_STRENGTH
 from shockrig.analysis.physics.chain import Chain, Recorded, RoomAir
-from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, Conditions
-from shockrig.analysis.physics.humidity import dew_point_c, saturation_pressure_hpa
+from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, Conditions, dew_margin_k
+from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 
 Array = NDArray[np.float64]
 
@@ -241,14 +241,6 @@ def own_step(conditions: Conditions, jumps: bool) -> Array:
     """Signed change of the air's own quantity in each run (R,)."""
     c = conditions
     return c.destination_percent - c.source_percent if jumps else c.destination_c - c.source_c
-
-
-def dew_margin_k(conditions: Conditions) -> Array:
-    """How far the destination's dew point lies above the air that each run (R,) comes from; 0 where no dew falls, or
-    nobody knows."""
-    c = conditions
-    margin = np.maximum(dew_point_c(np.maximum(c.destination_percent, 1.0), c.destination_c) - c.source_c, 0.0)
-    return np.asarray(np.where(c.humidity_known, margin, 0.0))
 
 
 def _scale(form: Form, chain: Chain, p: Arrays) -> Array:

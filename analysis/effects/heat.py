@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import Arrays, Effect, InFlight, Needs, Parameter, Words
 from shockrig.analysis.physics.chain import Chain, Recorded, relative_ventilation
-from shockrig.analysis.physics.exchange import ventilation_ratio
-from shockrig.analysis.physics.humidity import ZERO_CELSIUS_K, dew_point_c
+from shockrig.analysis.physics.exchange import dew_margin_k, ventilation_ratio
+from shockrig.analysis.physics.humidity import ZERO_CELSIUS_K
 
 # A wetted bead: after the transfer it reads low by `depression_k` exp(-t / `time_constant_s`) while the water leaves.
 
@@ -18,8 +18,7 @@ def wetted(channel: Recorded) -> NDArray[np.float64]:
     """1 for the runs (R,) whose destination is known to be below saturation and so lets a wet bead dry, scaled by
     (100 - RH) / 50."""
     air = channel.conditions
-    wet_before = dew_point_c(np.maximum(air.destination_percent, 1.0), air.destination_c) > air.source_c + 0.5
-    return np.where(wet_before & air.humidity_known, np.clip((100.0 - air.destination_percent) / 50.0, 0.0, 2.0), 0.0)
+    return np.where(dew_margin_k(air) > 0.5, np.clip((100.0 - air.destination_percent) / 50.0, 0.0, 2.0), 0.0)
 
 
 def _cooled(chain: Chain, p: Arrays) -> Chain:

@@ -410,7 +410,7 @@ def _has_temperatures(run: Run) -> bool:
     """Whether the temperatures of both airs are recorded, or can be taken from plateaus."""
     if any(t is not None and np.isfinite(t.values["temperature_c"]).any() for t in (run.imet, run.hyt)):
         return True
-    return run.source.temperature_c is not None and run.destination.temperature_c is not None
+    return _airs_known(run, TEMPERATURE)
 
 
 def _has_humidities(one: UsableRun) -> bool:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA, ZERO_CELSIUS_K
+from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA, ZERO_CELSIUS_K, dew_point_c
 
 
 @dataclass(frozen=True)
@@ -92,6 +92,14 @@ class Stream:
     def density(self) -> Array:
         """Of air at this pressure and the reference temperature, relative to that at 1013.25 hPa."""
         return np.asarray(self.pressure_hpa / STANDARD_PRESSURE_HPA)
+
+
+def dew_margin_k(conditions: Conditions) -> Array:
+    """How far the destination's dew point lies above the air that each run (R,) comes from; 0 where no dew falls, or
+    nobody knows."""
+    c = conditions
+    margin = np.maximum(dew_point_c(np.maximum(c.destination_percent, 1.0), c.destination_c) - c.source_c, 0.0)
+    return np.asarray(np.where(c.humidity_known, margin, 0.0))
 
 
 REFERENCE = Stream(np.array(REFERENCE_AIRFLOW_M_S))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.behaviours import dew_margin_k
 from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.physics.exchange import dew_margin_k
 from shockrig.files.campaign import read_campaign
 
 
