@@ -19,7 +19,7 @@ from shockrig.analysis.diagnose.grammar import varied
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.estimate.channel import Channel, rebin
 from shockrig.analysis.estimate.noise import estimate_noise
-from shockrig.analysis.estimate.readings import rounding_step
+from shockrig.analysis.estimate.readings import MAD_TO_SIGMA, rounding_step
 from shockrig.files.causes import Uncertain
 from shockrig.files.diagnosis_data import Discovered, EffectSize
 
@@ -181,7 +181,7 @@ def _swing(time: Array, value: Array, period_s: float, frequency_hz: float) -> A
 
 def _spread(values: Array) -> float:
     """Robust standard deviation."""
-    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+    return MAD_TO_SIGMA * float(np.median(np.abs(values - np.median(values))))
 
 
 def _amplitudes(pieces: list[_Plateau], frequency_hz: Array) -> tuple[Array, Array]:

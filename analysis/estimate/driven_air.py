@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.problem import Problem
+from shockrig.analysis.estimate.readings import MAD_TO_SIGMA
 from shockrig.analysis.estimate.scan import rough_rates
 from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.physics.chain import MeasuredAir
@@ -28,7 +29,7 @@ COSINE_MODES = 12
 def trace_noise(trace: Array) -> float:
     """White noise of a trace (m,), from its second differences, which straight lines leave at zero."""
     bends = trace[2:] - 2 * trace[1:-1] + trace[:-2]
-    return float(1.4826 * np.median(np.abs(bends)) / np.sqrt(6.0)) if bends.size > 5 else 0.0
+    return float(MAD_TO_SIGMA * np.median(np.abs(bends)) / np.sqrt(6.0)) if bends.size > 5 else 0.0
 
 
 def with_reference_noise(noise: Noise, problem: Problem) -> Noise:

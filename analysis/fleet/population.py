@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import chdtrc, fdtrc, gammainc
 
+from shockrig.analysis.estimate.readings import MAD_TO_SIGMA
 from shockrig.analysis.fleet.statistics import CampaignStatistics, Responses
 from shockrig.files.fleet import KELVIN, Coordinate, design
 
@@ -394,7 +395,7 @@ def start_of(members: Members) -> tuple[Array, dict[str, Mask]]:
             continue
         middle = np.median(own[there, k])
         away = np.abs(own[:, k] - middle)
-        robust = 1.4826 * float(np.median(away[there]))
+        robust = MAD_TO_SIGMA * float(np.median(away[there]))
         noise = float(np.median(spread[there, k]))
         sigma[k] = max(robust**2 - noise**2, 0.1 * robust**2, 1e-8)
         near[one.channel] &= ~(there & (away > CORE * np.sqrt(sigma[k] + spread[:, k] ** 2)))

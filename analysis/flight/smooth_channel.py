@@ -21,7 +21,7 @@ from shockrig.analysis.flight.prior import (
 )
 from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.smoother import Jumps
-from shockrig.analysis.flight.stretches import MOST_SHARE, largest_share
+from shockrig.analysis.flight.stretches import MOST_SHARE, TO_SIGMA, largest_share
 from shockrig.analysis.flight.sweep import Sweep, Track, costs, lags_behind, propagated, swept, within_a_step
 
 Array = NDArray[np.float64]
@@ -530,7 +530,7 @@ class StrengthsOfFlight:
         # nor does the air jump as a rule, whatever it did in a gap or before a sensor that is fast beside the rows
         size = np.abs(change)
         beside = np.maximum(np.append(size[1:], 0.0), np.append(0.0, size[:-1]))
-        usual = max(self.expected, 1.4826 * float(np.median(size)))
+        usual = max(self.expected, TO_SIGMA * float(np.median(size)))
         extra = np.where((size > JUMPED_FACTOR * usual) & (beside < BESIDE_SHARE * size), change, extra)
         seen = values[rows] - np.concatenate([[0.0], np.cumsum(extra)])
         some = None if track.passing is None else replace(track.passing, sigma=track.passing.sigma[rows])

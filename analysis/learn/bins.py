@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.effects.of_flight import airflow_m_s
 from shockrig.analysis.flight.readout import coarse_track, vertical_speed
+from shockrig.analysis.flight.stretches import TO_SIGMA
 from shockrig.files.flight import Flight
 from shockrig.files.ranges import RANGES
 
@@ -293,7 +294,7 @@ def _without_outliers(values: Array) -> Array:
         return values
     kept = values[good]
     off = np.abs(kept - median_filter(kept, AROUND, mode="nearest"))
-    spread = 1.4826 * float(np.median(off[off > 0])) if (off > 0).any() else 0.0
+    spread = TO_SIGMA * float(np.median(off[off > 0])) if (off > 0).any() else 0.0
     usual = np.maximum(median_filter(off, 101, mode="nearest"), spread)
     out = values.copy()
     out[np.flatnonzero(good)[off > np.maximum(OUTLIER_SIGMAS * usual, 1e-9)]] = np.nan
