@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.flight import causal, causal_bank, causal_guard
+from shockrig.analysis.flight.air_prior import OU_VARIANCES, RATES_PER_S, UNSEEN_VARIANCE
 from shockrig.analysis.flight.causal_bank import AIR_STATES, FILTER_COUNT
 from shockrig.analysis.flight.causal_design import (
     AIRSPEEDS_M_S,
@@ -19,9 +20,7 @@ from shockrig.analysis.flight.causal_design import (
     DesignTable,
     design_of,
 )
-from shockrig.analysis.flight.channel import LONGEST_FILL_S, LONGEST_REPEAT_S
-from shockrig.analysis.flight.prior import OU_VARIANCES, RATES_PER_S, UNSEEN_VARIANCE
-from shockrig.analysis.flight.readout import not_causal, not_undone
+from shockrig.analysis.flight.flight_channel import LONGEST_FILL_S, LONGEST_REPEAT_S
 from shockrig.analysis.flight.screen import (
     FEWEST_CHANGES,
     FEWEST_ROWS,
@@ -42,7 +41,8 @@ from shockrig.analysis.flight.stretches import (
     WINDOW_ROWS,
 )
 from shockrig.analysis.flight.sweep import COARSE_IN_NOISE
-from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S
+from shockrig.analysis.flight.undo_readout import not_causal, not_undone
+from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S
 from shockrig.files.errors import InputError
 from shockrig.files.profile import Profile
 from shockrig.files.sentinels import LEAST_JUMP

@@ -28,14 +28,14 @@ import numpy as np
 
 import shockrig.files.campaign_write
 import shockrig.rig.journal
-import shockrig.rig.recorder.run
+import shockrig.rig.recorder.run_journal
 import shockrig.rig.virtual.world
 from shockrig.rig.bench import virtual_bench
-from shockrig.rig.errors import RigError
+from shockrig.rig.bench_errors import RigError
 from shockrig.rig.observer import SilentObserver
 from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Transfer
 from shockrig.rig.recorder import read_run, read_state
-from shockrig.rig.recorder.run import JOURNAL
+from shockrig.rig.recorder.run_journal import JOURNAL
 from shockrig.rig.runner import record_campaign
 from shockrig.rig.seams import Air
 from shockrig.rig.virtual.faults import I2C_KINDS, SERIAL_KINDS, Fault
@@ -346,7 +346,7 @@ def attempt(trial: Trial, seed: int, times_s: dict[str, float]) -> Result:
     start_s = times_s[trial.stage]
     end_s = start_s + LENGTHS_S[trial.length]
     faults = {} if trial.part == "host" else {trial.part: [Fault(trial.kind, start_s, end_s)]}
-    plain_reading = shockrig.rig.recorder.run.Recorder.reading
+    plain_reading = shockrig.rig.recorder.run_journal.Recorder.reading
 
     def reading(recorder, one) -> None:
         plain_reading(recorder, one)
@@ -361,7 +361,7 @@ def attempt(trial: Trial, seed: int, times_s: dict[str, float]) -> Result:
         else:
             with (
                 _bench(seed, book, faults) as bench,
-                mock.patch.object(shockrig.rig.recorder.run.Recorder, "reading", reading),
+                mock.patch.object(shockrig.rig.recorder.run_journal.Recorder, "reading", reading),
             ):
                 fault = trial.kind if trial.part == "host" else ""
                 with _host_fault(fault, bench, start_s, end_s) as utc, _time_limit(result):

@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from made_fleets import drawn_fleet
 
 from shockrig.analysis.fleet.fleet import fleet_of
-from shockrig.files.fleet import CHANNELS, Fleet
+from shockrig.files.fleet_file import CHANNELS, Fleet
 
 OFF = 0.02
 

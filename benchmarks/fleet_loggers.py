@@ -31,7 +31,7 @@ from shockrig.analysis.fleet.statistics import CampaignStatistics, statistics_of
 from shockrig.files.campaign import read_campaign
 from shockrig.files.causes import StatedEffect, Uncertain
 from shockrig.files.fingerprint import fingerprint
-from shockrig.files.fleet import Population
+from shockrig.files.fleet_file import Population
 
 T = "temperature"
 LAG = StatedEffect("parallel_lag", {"fraction": Uncertain(0.4), "time_constant_s": Uncertain(20.0)})

@@ -27,7 +27,7 @@ from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.fleet.whose import DiagnosedProbe, judged_causes
 from shockrig.files.campaign import read_campaign
 from shockrig.files.causes import StatedEffect
-from shockrig.files.fleet import BENCH, SENSOR, TYPE, FleetCause
+from shockrig.files.fleet_file import BENCH, SENSOR, TYPE, FleetCause
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.effects import KINDS
 from shockrig.rig.virtual.hide import draw_effect

@@ -24,7 +24,7 @@ from shockrig.analysis.diagnose.diagnosed import stated_cause
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.fleet.whose import DiagnosedProbe, judged_causes
 from shockrig.files.campaign import read_campaign
-from shockrig.files.fleet import BENCH, TYPE
+from shockrig.files.fleet_file import BENCH, TYPE
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.plans import wide_plan
 from shockrig.rig.virtual.truth import Truth, of_probe, of_type

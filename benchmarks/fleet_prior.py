@@ -27,7 +27,7 @@ from made_fleets import drawn_sensor, record_sensor, type_of_sensors
 from shockrig.analysis.characterize.characterize import characterize
 from shockrig.analysis.characterize.result import to_profile
 from shockrig.analysis.fleet.fleet import fleet_of
-from shockrig.analysis.fleet.prior import with_population
+from shockrig.analysis.fleet.fleet_prior import with_population
 from shockrig.analysis.fleet.statistics import statistics_of
 from shockrig.files.campaign import read_campaign
 from shockrig.files.fingerprint import fingerprint

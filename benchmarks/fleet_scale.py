@@ -36,7 +36,7 @@ from made_fleets import drawn_sensor, record_sensor, type_of_sensors
 
 from shockrig.analysis.fleet.fleet import fleet_of
 from shockrig.analysis.fleet.statistics import CampaignStatistics, statistics_from
-from shockrig.files.fleet import fleet_document
+from shockrig.files.fleet_file import fleet_document
 from shockrig.protocols.fleet_map import KEPT_IN, FleetTask, measure
 from shockrig.rig.virtual.plans import standard_plan, wide_plan
 

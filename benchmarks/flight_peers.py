@@ -23,7 +23,7 @@ from shockrig.analysis.flight.response import LagResponse, bead_response, film_r
 from shockrig.analysis.flight.simulated.scenes import try_scene
 from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.flight.simulated.weather import SCENES
-from shockrig.analysis.physics.exchange import Stream
+from shockrig.analysis.physics.air_exchange import Stream
 from shockrig.analysis.physics.humidity import humidity_from_ppmv, ppmv_from_humidity
 
 PERIOD_S = 0.1

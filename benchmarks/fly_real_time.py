@@ -23,7 +23,7 @@ import numpy as np
 
 from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.files.profile import write_profile
-from shockrig.rig.recorder.run import read_run
+from shockrig.rig.recorder.run_journal import read_run
 
 PERIOD_S = 0.1
 ROW_S = 0.005  # of processor, that a row takes or less

@@ -89,7 +89,7 @@ def frames(rng: random.Random, folder: Path) -> Callable[[], bool]:
 def journals(rng: random.Random, folder: Path) -> Callable[[], bool]:
     from shockrig.rig.journal import read_journal
     from shockrig.rig.recorder import Recorder, read_run
-    from shockrig.rig.recorder.run import JOURNAL
+    from shockrig.rig.recorder.run_journal import JOURNAL
     from shockrig.rig.seams import Air, Move, Outcome, Reading
 
     run = folder / "journal"

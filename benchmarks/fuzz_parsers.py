@@ -36,7 +36,7 @@ class Target:
 
 def targets() -> dict[str, Target]:
     from shockrig.files.errors import InputError
-    from shockrig.rig.errors import BenchError, StageError
+    from shockrig.rig.bench_errors import BenchError, StageError
 
     return {
         "imet": Target(0.5, (), imet),

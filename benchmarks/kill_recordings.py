@@ -25,7 +25,7 @@ from shockrig.rig.bench import virtual_bench
 from shockrig.rig.journal import read_journal
 from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Transfer
 from shockrig.rig.recorder import read_run, read_state
-from shockrig.rig.recorder.run import JOURNAL
+from shockrig.rig.recorder.run_journal import JOURNAL
 from shockrig.rig.runner import record_campaign
 from shockrig.rig.seams import Air
 

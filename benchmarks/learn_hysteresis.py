@@ -21,7 +21,7 @@ from learn_worlds import KINDS, flown
 
 from shockrig.analysis.learn.bins import FlightBins, binned
 from shockrig.analysis.learn.density import prepared
-from shockrig.analysis.learn.fit import Learned, fitted
+from shockrig.analysis.learn.flights_fit import Learned, fitted
 from shockrig.analysis.learn.laws import LAWS, Law, LawParameter
 from shockrig.analysis.learn.learn import BINS
 

@@ -34,11 +34,11 @@ from scipy.ndimage import gaussian_filter1d
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.learn.bins import CHANNELS, FlightBins, binned, why_nothing
 from shockrig.analysis.learn.density import prepared
-from shockrig.analysis.learn.fit import fitted
+from shockrig.analysis.learn.flights_fit import fitted
 from shockrig.analysis.learn.laws import LAWS, Law, LawParameter
 from shockrig.analysis.learn.learn import BINS, learn
+from shockrig.analysis.learn.learned_profile import learned_profile
 from shockrig.analysis.learn.passes import disagreement
-from shockrig.analysis.learn.profile import learned_profile
 from shockrig.analysis.physics.standard_atmosphere import pressure_altitude_m
 from shockrig.files.errors import InputError
 from shockrig.files.flight import Flight

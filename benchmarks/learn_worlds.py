@@ -38,9 +38,9 @@ from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.learn.bins import binned
 from shockrig.analysis.learn.density import prepared
 from shockrig.analysis.learn.learn import BINS, NAMED, ChannelLearned, FlightsLearned, learn
+from shockrig.analysis.learn.learned_profile import learned_profile
 from shockrig.analysis.learn.pair import learn_pair
 from shockrig.analysis.learn.passes import disagreement
-from shockrig.analysis.learn.profile import learned_profile
 from shockrig.files.flight import Corrected, Flight
 from shockrig.protocols.learning import named_flights
 

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from shockrig.analysis.checks.check import checked
+from shockrig.analysis.checks.campaign_checks import checked
 from shockrig.analysis.diagnose import thresholds
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.estimate.gather import build_channel

@@ -538,7 +538,7 @@ def _elsewhere(run: Shock, rng: np.random.Generator) -> Shock:
 def record(world: World, out: Path, fresh: bool = False) -> Path:
     """Write a campaign of a world, or a fresh one of the same world: other order, conditions and noise."""
     from shockrig.files.campaign_write import campaign_document, run_document, table_text, write_campaign, write_run
-    from shockrig.rig.virtual.logger import Logger
+    from shockrig.rig.virtual.logger_link import Logger
     from shockrig.rig.virtual.plans import standard_plan
 
     place = FRESH if fresh else 0

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 from shockrig.protocols.background import Background
 from shockrig.protocols.decided import as_protocol, feasible_on, in_words, lines, minutes_left, surroundings_of
+from shockrig.protocols.each_probe import seen_by, wanted_probes
 from shockrig.protocols.made_before import outcomes
-from shockrig.protocols.probes import seen_by, wanted_probes
 from shockrig.rig.clock import VirtualClock
 from shockrig.rig.protocol import PlannedRun, Protocol
 from shockrig.rig.recorder import read_state
-from shockrig.rig.recorder.campaign import planned_entry
+from shockrig.rig.recorder.campaign_folder import planned_entry
 from shockrig.rig.recorder.state import read_head
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from shockrig.analysis.plan.decision import Decision
     from shockrig.analysis.plan.goals import Goals, Place
     from shockrig.analysis.plan.shock import PlannedShock
-    from shockrig.files.fleet import Population
+    from shockrig.files.fleet_file import Population
     from shockrig.rig.bench import Bench
 
 NAME = "adaptive"
@@ -76,7 +76,7 @@ class Loop:
 
     def __call__(self, left_out: str | None, now_s: float) -> Protocol | None:
         """The protocol with the next run, or None where the campaign is done; `left_out` was vetoed at a prompt."""
-        from shockrig.files.plan import read_decisions
+        from shockrig.files.plan_file import read_decisions
 
         state = read_state(self._path)
         log = read_decisions(self._path, self._probes())
@@ -120,7 +120,7 @@ class Loop:
         from shockrig.analysis.plan.decide import decide
         from shockrig.analysis.plan.decision import CONTINUE, log_entry, plan_document, remembered
         from shockrig.analysis.plan.shock import from_run
-        from shockrig.files.plan import append_decision
+        from shockrig.files.plan_file import append_decision
 
         last = log[-1] if log else None
         if vetoed and last is not None:
@@ -178,7 +178,7 @@ class Loop:
 
     def _agreed(self, shock: PlannedShock) -> bool:
         """Whether the operator lets a choice pass. Raises what the person wants instead, but for a veto."""
-        from shockrig.rig.errors import RunRepeated, RunSkipped
+        from shockrig.rig.bench_errors import RunRepeated, RunSkipped
 
         assert self._bench.operator is not None
         question = f"Next: {in_words(shock)} ({shock.why}). Enter records it, s vetoes it, p pauses, a aborts."

@@ -17,7 +17,7 @@ from shockrig.files.errors import InputError
 from shockrig.files.headline import LUMPED, NEAREST_C, first_order
 from shockrig.files.json_files import read_json
 from shockrig.files.profile import Profile, read_profile
-from shockrig.rig.errors import RigError
+from shockrig.rig.bench_errors import RigError
 from shockrig.rig.recorder.state import CampaignState, read_head, read_state
 
 DEEPEST = 4  # folders below the one that was named

@@ -137,7 +137,7 @@ def main(argv: list[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="backslashreplace")  # names of any bytes are printed
     from shockrig.files.disk import shown
     from shockrig.files.errors import InputError
-    from shockrig.rig.errors import CampaignAborted, ConnectionFaults, RigError
+    from shockrig.rig.bench_errors import CampaignAborted, ConnectionFaults, RigError
 
     try:
         with ended_by_signals(getattr(args, "ends_by_ctrl_c", False)):

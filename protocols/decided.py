@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Transfer, run_id
 from shockrig.rig.seams import Air
 
@@ -93,7 +93,7 @@ def in_words(shock: PlannedShock) -> str:
 
 def lines(decision: Decision, document: Mapping[str, Any]) -> list[str]:
     """What a person reads of a decision: goals, ties, what is next and why."""
-    from shockrig.files.plan import where_it_stands
+    from shockrig.files.plan_file import where_it_stands
 
     said = []
     for goal in document["goals"]:

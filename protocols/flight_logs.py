@@ -110,7 +110,7 @@ def _by_content(source: Path) -> tuple[dict[str, Series], tuple[str, ...]] | Non
 def _by_guess(source: Path, columns: Mapping[str, str] | None) -> tuple[dict[str, Series], tuple[str, ...]] | None:
     """A log of another layout (semicolons, decimal commas, names in other words) by the map that `import --look` would
     write, and what was read as what; None of a CSV file whose columns are recognised."""
-    from shockrig.rig.errors import BenchError
+    from shockrig.rig.bench_errors import BenchError
     from shockrig.rig.logs.first_map import columns_of
 
     try:
@@ -135,7 +135,7 @@ def _by_guess(source: Path, columns: Mapping[str, str] | None) -> tuple[dict[str
 
 
 def _by_map(source: Path, map_: LogMap) -> dict[str, Series]:
-    from shockrig.rig.logs.channels import read_sensors
+    from shockrig.rig.logs.sensor_logs import read_sensors
 
     log = read_sensors(source, map_)
     keys = {

@@ -1,6 +1,6 @@
 """`fly`: sensors read in flight, corrected row by row, logged and told to others.
 
-A flight is a folder OUT/NNNN: journal.log has every answer of every sensor as it came (rig.recorder.run reads it),
+A flight is a folder OUT/NNNN: journal.log has every answer of every sensor as it came (see rig.recorder.run_journal),
 flight.csv the rows with what was known of them on board (`shockrig correct` reads it). Both survive a power cut up to
 what the disk had taken, a second before it at most; both survive the process's end whole.
 """
@@ -23,13 +23,13 @@ from shockrig.analysis.flight.causal_design import Design, design_of
 from shockrig.files.disk import sync_folder
 from shockrig.files.profile import Profile
 from shockrig.protocols.fly_page import FlightFollower
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.flying import FlownRow, PeriodFinder, RowMaker, SensorHub
 from shockrig.rig.journal import AppendedFile
 from shockrig.rig.links.mavlink import AutopilotListener
 from shockrig.rig.links.said import SaidAir, Speaker
 from shockrig.rig.recorder import Recorder, RecordingError
-from shockrig.rig.recorder.run import COMPLETE
+from shockrig.rig.recorder.run_journal import COMPLETE
 from shockrig.rig.seams import Clock, Outcome, Reading, Sensor
 
 LOG = "flight.csv"

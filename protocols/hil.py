@@ -36,7 +36,7 @@ from shockrig.rig.bench import default_bench, open_bench
 from shockrig.rig.links.dronecan import DronecanNode, HygrometerFrame, decoded, this_machine
 from shockrig.rig.links.mavlink import AutopilotListener, MavlinkEnd, MavlinkSpeaker
 from shockrig.rig.links.ports import FramePort, UdpPort, open_frames
-from shockrig.rig.recorder.run import read_run
+from shockrig.rig.recorder.run_journal import read_run
 from shockrig.rig.virtual.faults import I2C_KINDS, LINK_KINDS, SERIAL_KINDS, Fault
 from shockrig.rig.virtual.vehicle import FaultyPort, FaultySpeaker, Vehicle, as_kelvin, as_whole_units
 

@@ -81,7 +81,7 @@ def learned_from(
 
 def _stated(flights: Mapping[str, Flight], bench: Profile | None) -> dict[str, tuple[float, float]] | None:
     """What a bench has found, at the temperatures of the flights."""
-    from shockrig.analysis.learn.profile import stated_by
+    from shockrig.analysis.learn.learned_profile import stated_by
 
     if bench is None:
         return None

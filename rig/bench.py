@@ -19,12 +19,12 @@ from typing import Any
 from shockrig.files.campaign_names import FIRST_PROBE, probes_of, sensor_and_probe, sensor_name
 from shockrig.files.disk import read_text
 from shockrig.files.errors import InputError
+from shockrig.rig.bench_errors import BenchError, ConnectionFault, ConnectionFaults, RigError
 from shockrig.rig.bench_file import CHAMBERS, BenchConfig, InstrumentPart, check_bench, load_bench
 from shockrig.rig.buses.i2c import SmbusBus
 from shockrig.rig.buses.serial_port import OpenPort, PyserialPort, pyserial_opener
 from shockrig.rig.chambers.devices import DeviceChambers
 from shockrig.rig.clock import RealClock, VirtualClock
-from shockrig.rig.errors import BenchError, ConnectionFault, ConnectionFaults, RigError
 from shockrig.rig.operator import ConsoleOperator
 from shockrig.rig.seams import Chambers, Clock, I2cBus, Operator, Reference, Sensor, SerialPort, Stage
 from shockrig.rig.stages.manual import PromptedChambers

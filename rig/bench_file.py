@@ -27,7 +27,7 @@ from shockrig.files.disk import TOML_AT_MOST, read_text
 from shockrig.files.file_table import FileTable
 from shockrig.files.ranges import RANGES
 from shockrig.files.spelling import did_you_mean, proposed
-from shockrig.rig.errors import BenchError, as_bench_errors
+from shockrig.rig.bench_errors import BenchError, as_bench_errors
 from shockrig.rig.seams import Backend
 from shockrig.rig.toml_text import read_toml, refuse_unknown_keys
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from statistics import median
 
-from shockrig.rig.recorder.run import columns_of, is_good, sample_time_s
+from shockrig.rig.recorder.run_journal import columns_of, is_good, sample_time_s
 from shockrig.rig.seams import Clock, Outcome, Reading, Sensor
 
 BEAD, FILM = "imet", "hyt"

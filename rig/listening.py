@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from shockrig.rig.bench import Bench
-from shockrig.rig.errors import ConnectionFault, ConnectionFaults
+from shockrig.rig.bench_errors import ConnectionFault, ConnectionFaults
 from shockrig.rig.observer import Observer
 from shockrig.rig.recorder import Recorder, is_good
 from shockrig.rig.seams import Move, Reading, Reference, Sensor

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TextIO
 
-from shockrig.rig.errors import CampaignAborted, CampaignPaused, RunRepeated, RunSkipped
+from shockrig.rig.bench_errors import CampaignAborted, CampaignPaused, RunRepeated, RunSkipped
 from shockrig.rig.seams import Clock
 
 LOOK_S = 0.02

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from shockrig.rig.bench import Bench
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.protocol import PlannedRun, Protocol
 from shockrig.rig.recorder import RunRecord
-from shockrig.rig.recorder.judging import mean_of
+from shockrig.rig.recorder.run_quality import mean_of
 from shockrig.rig.seams import Air
 
 BYTES_PER_S = 4000.0  # what a journal grows by at 10 Hz and two sensors, rounded up

@@ -19,7 +19,7 @@ from typing import Any
 from shockrig.files.disk import TOML_AT_MOST, read_bytes, shown
 from shockrig.files.ranges import RANGES, Range
 from shockrig.files.spelling import did_you_mean, proposed
-from shockrig.rig.errors import BenchError, as_bench_errors
+from shockrig.rig.bench_errors import BenchError, as_bench_errors
 from shockrig.rig.seams import Air
 from shockrig.rig.toml_text import read_toml, refuse_unknown_keys
 

@@ -7,7 +7,7 @@ from collections import deque
 from dataclasses import dataclass
 
 from shockrig.files.ranges import RANGES, Range
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.seams import Air, Chambers, Operator, Parts, Reading
 from shockrig.rig.sensors.hyt271 import Hyt271, Hyt271Settings, bus_of
 

@@ -16,7 +16,7 @@ from pathlib import Path
 from shockrig.files.disk import is_there
 from shockrig.files.errors import InputError
 from shockrig.files.json_files import read_json, write_json
-from shockrig.rig.errors import BenchError, CampaignPaused, RunRepeated, RunSkipped
+from shockrig.rig.bench_errors import BenchError, CampaignPaused, RunRepeated, RunSkipped
 
 FORMAT = "shock-request/1"
 FILE = "request.json"

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from shockrig.rig.bench import Bench
-from shockrig.rig.errors import (
+from shockrig.rig.bench_errors import (
     CampaignPaused,
     RunDecision,
     RunRepeated,
@@ -26,7 +26,7 @@ from shockrig.rig.observer import Observer, SilentObserver
 from shockrig.rig.planning import off_plan
 from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Transfer
 from shockrig.rig.recorder import CampaignFolder, Recorder, RecordingError, RunRecord
-from shockrig.rig.recorder.run import COMPLETE, INTERRUPTED, SPOILT
+from shockrig.rig.recorder.run_journal import COMPLETE, INTERRUPTED, SPOILT
 from shockrig.rig.requests import Inbox, decided
 from shockrig.rig.seams import Air
 from shockrig.rig.soak import unsettled

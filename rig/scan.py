@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from shockrig.files.campaign_names import sensor_name
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.seams import Clock, I2cBus, Outcome, SerialPort
 from shockrig.rig.sensors.hyt271 import decode_frame
 from shockrig.rig.sensors.hyt271_commands import FREE

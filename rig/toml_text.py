@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from shockrig.files.spelling import did_you_mean
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 
 MOST_DOTS = 2000  # in a line: tomllib takes a minute for a key of 100 000 parts
 LARGEST = 2**63  # whole numbers of TOML go to 64 bits (v1.0.0, Integer)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from shockrig.examples import example
     from shockrig.files.campaign import Campaign
     from shockrig.files.errors import InputError
-    from shockrig.files.fleet import Fleet, read_fleet
+    from shockrig.files.fleet_file import Fleet, read_fleet
     from shockrig.files.flight import Flight
     from shockrig.files.profile import Profile, read_profile, write_profile
     from shockrig.flights import read_flight
@@ -74,7 +74,7 @@ _HOMES = {
     "Characterized": "characterizing",
     "CorrectedFlight": "correcting",
     "Diagnosed": "diagnosing",
-    "Fleet": "files.fleet",
+    "Fleet": "files.fleet_file",
     "Flight": "files.flight",
     "InputError": "files.errors",
     "LearnedSensor": "learning_flights",
@@ -89,7 +89,7 @@ _HOMES = {
     "learn": "learning_flights",
     "plan": "choosing_runs",
     "read_campaign": "campaigns",
-    "read_fleet": "files.fleet",
+    "read_fleet": "files.fleet_file",
     "read_flight": "flights",
     "read_profile": "files.profile",
     "write_profile": "files.profile",

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from shockrig.characterizing import Characterized
     from shockrig.choosing_runs import Planned
     from shockrig.diagnosing import Diagnosed
-    from shockrig.files.fleet import Fleet
+    from shockrig.files.fleet_file import Fleet
 
 
 @dataclass(frozen=True, repr=False)

@@ -12,13 +12,13 @@ from shockrig.analysis.characterize.part_fit import Extension, extension_of, rea
 from shockrig.analysis.characterize.result import Characterization, to_profile
 from shockrig.analysis.diagnose.diagnosed import stated_cause
 from shockrig.analysis.estimate.quantity import ChannelName
-from shockrig.analysis.fleet.prior import WithFleet, with_population
+from shockrig.analysis.fleet.fleet_prior import WithFleet, with_population
 from shockrig.analysis.report.characterize_page import hint
 from shockrig.channels import Channels, of_campaign
 from shockrig.correcting import CorrectedFlight, correct
 from shockrig.diagnosing import Diagnosed
 from shockrig.files.campaign import Campaign
-from shockrig.files.fleet import Fleet
+from shockrig.files.fleet_file import Fleet
 from shockrig.files.flight import Flight
 from shockrig.files.headline import headlines
 from shockrig.files.numbers import counted

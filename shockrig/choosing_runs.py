@@ -12,7 +12,7 @@ from shockrig.channels import Channels, of_campaign, only
 from shockrig.files import result_views as views
 from shockrig.files.campaign import Campaign
 from shockrig.files.errors import InputError
-from shockrig.files.fleet import Fleet
+from shockrig.files.fleet_file import Fleet
 from shockrig.files.numbers import counted
 from shockrig.given import PathLike, Progress, WithDiagnosis, campaign_given, fleet_given
 from shockrig.remedies import as_python

@@ -12,7 +12,7 @@ import numpy as np
 from shockrig.analysis.flight.correct import correct as _correct
 from shockrig.channels import Channels, of_profile
 from shockrig.files import result_views as views
-from shockrig.files.fleet import Fleet
+from shockrig.files.fleet_file import Fleet
 from shockrig.files.flight import Corrected, Flight
 from shockrig.files.flight_figure import plot_flight
 from shockrig.files.profile import Profile, read_profile

@@ -12,7 +12,7 @@ from shockrig.channels import Channels, of_campaign, only
 from shockrig.choosing_runs import Planned, plan
 from shockrig.files import result_views as views
 from shockrig.files.campaign import Campaign
-from shockrig.files.fleet import Fleet
+from shockrig.files.fleet_file import Fleet
 from shockrig.given import PathLike, Progress, campaign_given
 from shockrig.remedies import as_python, in_python
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from shockrig.files.campaign import Campaign, read_campaign
-from shockrig.files.fleet import Fleet, read_fleet
+from shockrig.files.fleet_file import Fleet, read_fleet
 from shockrig.files.profile import Profile
 
 if TYPE_CHECKING:

@@ -194,7 +194,7 @@ def _sensor(
     bench: Profile | None,
     pair: PairLearned | None = None,
 ) -> LearnedSensor:
-    from shockrig.analysis.learn.profile import learned_profile
+    from shockrig.analysis.learn.learned_profile import learned_profile
     from shockrig.protocols.learning import learned_file
 
     provenance = {"software": f"shockrig {software_version()}"}

@@ -19,9 +19,9 @@ from shockrig.flights import demand_frame, with_times
 from shockrig.given import PathLike
 from shockrig.protocols.folder import software_version, whole_folder
 from shockrig.remedies import as_python, in_python
-from shockrig.rig.errors import BenchError
-from shockrig.rig.logs.campaigns import Imported, SensorCampaign, describe, import_logs, write_runs
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.logs.first_map import look_at
+from shockrig.rig.logs.log_campaigns import Imported, SensorCampaign, describe, import_logs, write_runs
 from shockrig.rig.logs.map_file import parse_map, read_map
 from shockrig.rig.logs.mapping import COLUMNS, FORMAT, LogMap
 

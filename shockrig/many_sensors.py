@@ -13,7 +13,7 @@ from shockrig.characterizing import extensions_of
 from shockrig.diagnosing import Diagnosed
 from shockrig.files.campaign import Campaign, read_campaign
 from shockrig.files.errors import InputError
-from shockrig.files.fleet import Fleet
+from shockrig.files.fleet_file import Fleet
 from shockrig.given import PathLike, Progress
 from shockrig.protocols.folder import software_version
 from shockrig.remedies import as_python

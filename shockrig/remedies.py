@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from shockrig.files.errors import InputError
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 
 # What messages say -> what Python says; the first that fits is taken, the longer ones stand first.
 WORDS: tuple[tuple[str, str], ...] = (

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from shockrig.analysis.fleet.statistics import CampaignStatistics, ChannelStatistics, Responses, RunRates, film
-from shockrig.files.fleet import Coordinate, design
+from shockrig.files.fleet_file import Coordinate, design
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.plans import wide_plan
 from shockrig.rig.virtual.truth import draw_truth

@@ -33,6 +33,15 @@ def test_a_class_has_a_name_of_its_own():
     assert [name for name, count in names.items() if count > 1] == []
 
 
+def test_a_file_has_a_name_of_its_own():
+    """But a command's file bears the name of what it calls, an emulated chip that of its driver, and a family of the
+    catalogue that of its link of the chain."""
+    files = [*(ROOT / "shockrig").glob("*.py"), *(file for top in TOPS for file in (ROOT / top).rglob("*.py"))]
+    on_purpose = {ROOT / "protocols" / "commands", ROOT / "rig" / "virtual" / "chips", ROOT / "analysis" / "effects"}
+    names = Counter(file.name for file in files if file.parent not in on_purpose and file.name != "__init__.py")
+    assert [name for name, count in names.items() if count > 1] == []
+
+
 def test_the_readme_and_ci_run_one_test_command():
     command = "python3 -m venv .venv && .venv/bin/pip install -q -c requirements.lock -e '.[test]' && .venv/bin/pytest"
     assert command in (ROOT / "README.md").read_text()

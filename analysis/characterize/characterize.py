@@ -22,7 +22,7 @@ from shockrig.analysis.characterize.part_fit import (
     quick_part,
 )
 from shockrig.analysis.characterize.result import ChannelResult, Characterization, Part, TableRow, channel_result
-from shockrig.analysis.checks.check import checked
+from shockrig.analysis.checks.campaign_checks import checked
 from shockrig.analysis.estimate.effect import SingleReadings
 from shockrig.analysis.estimate.fit import fit
 from shockrig.analysis.estimate.gather import build_channel, usable_runs, why_none

@@ -20,11 +20,7 @@ from shockrig.analysis.effects.behaviours import MEAN
 from shockrig.analysis.effects.described import entry_of, stated_values, with_values
 from shockrig.analysis.estimate.channel import Channel, LeftOut
 from shockrig.analysis.estimate.fit import Fit, fit, rmse_over_samples
-from shockrig.analysis.estimate.model import PLAIN, Held, Model, Point, Structure
-from shockrig.analysis.estimate.noise import Noise, whiteners
-from shockrig.analysis.estimate.problem import UNVENTILATED_LIMIT, Problem, make_problem
-from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, RunEffect
-from shockrig.analysis.estimate.scan import (
+from shockrig.analysis.estimate.fit_starts import (
     RATE_BOUNDS_PER_S,
     Misfit,
     Optimum,
@@ -35,6 +31,10 @@ from shockrig.analysis.estimate.scan import (
     rough_point,
     unstuck,
 )
+from shockrig.analysis.estimate.model import PLAIN, Held, Model, Point, Structure
+from shockrig.analysis.estimate.noise import Noise, whiteners
+from shockrig.analysis.estimate.problem import UNVENTILATED_LIMIT, Problem, make_problem
+from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, RunEffect
 from shockrig.files.causes import StatedEffect
 from shockrig.files.diagnosis import read_diagnosis
 from shockrig.files.diagnosis_data import Discovered

@@ -13,10 +13,10 @@ import numpy as np
 from shockrig.analysis.checks.finding import InputFinding
 from shockrig.analysis.estimate.channel import Channel, LeftOut
 from shockrig.analysis.estimate.fit import Fit
+from shockrig.analysis.estimate.fit_starts import Optimum
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, RunEffect
-from shockrig.analysis.estimate.scan import Optimum
 from shockrig.files.campaign import Campaign
 from shockrig.files.diagnosis_data import Discovered
 from shockrig.files.profile import (

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.characterize.shifts import widened
-from shockrig.analysis.checks.check import Checked, checked
+from shockrig.analysis.checks.campaign_checks import Checked, checked
 from shockrig.analysis.checks.finding import InputFinding
 from shockrig.analysis.diagnose.adequacy import describe, judge
 from shockrig.analysis.diagnose.candidates import at_bound

@@ -17,7 +17,7 @@ from shockrig.analysis.estimate.fit import Fit, linearise
 from shockrig.analysis.estimate.gather import TRIGGER_SCATTER_S
 from shockrig.analysis.estimate.model import Point
 from shockrig.analysis.estimate.problem import Problem
-from shockrig.analysis.physics.exchange import Conditions
+from shockrig.analysis.physics.air_exchange import Conditions
 
 Array = NDArray[np.float64]
 Planned = dict[str, Any]  # a run to be made, in the terms of run.json

@@ -19,11 +19,11 @@ from shockrig.analysis.estimate.arrow import Arrow
 from shockrig.analysis.estimate.channel import Channel, as_single_samples
 from shockrig.analysis.estimate.effect import TINY_STRENGTH
 from shockrig.analysis.estimate.fit import Fit, fit, linearise
+from shockrig.analysis.estimate.fit_starts import scanned_starts
 from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.predictive import as_stated, bumps, score
 from shockrig.analysis.estimate.problem import RATE_SCATTER, Problem
-from shockrig.analysis.estimate.scan import scanned_starts
 from shockrig.analysis.physics.chain import at_jump, evaluate
 
 Array = NDArray[np.float64]

@@ -27,7 +27,7 @@ from shockrig.analysis.estimate.effect import Effect
 from shockrig.analysis.estimate.fit import Fit
 from shockrig.analysis.estimate.model import Model, Point
 from shockrig.analysis.estimate.problem import Problem
-from shockrig.analysis.physics.exchange import Conditions, dew_margin_k
+from shockrig.analysis.physics.air_exchange import Conditions, dew_margin_k
 from shockrig.files.diagnosis_data import Discovered, Likeness
 
 if TYPE_CHECKING:

@@ -30,7 +30,7 @@ from shockrig.analysis.estimate.noise import (
 )
 from shockrig.analysis.estimate.predictive import bumps, score
 from shockrig.analysis.estimate.problem import Problem, make_problem
-from shockrig.analysis.estimate.readings import coarser_than_the_sensor, known_to, rounding_step
+from shockrig.analysis.estimate.without_model import coarser_than_the_sensor, known_to, rounding_step
 from shockrig.files.diagnosis_data import Discovered, EffectSize
 
 A_TENTH = 0.1  # of a reading, to which a whole number of them is known

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import Effect, by_name
 from shockrig.analysis.estimate.fit import Fit, fit, objective_at
+from shockrig.analysis.estimate.fit_starts import open_starts, plainly_wrong, rough_point, unstuck
 from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.estimate.problem import Problem
-from shockrig.analysis.estimate.scan import open_starts, plainly_wrong, rough_point, unstuck
 from shockrig.analysis.physics.bodies import BODIES
 
 Array = NDArray[np.float64]

@@ -19,7 +19,7 @@ from shockrig.analysis.diagnose.grammar import varied
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.estimate.channel import Channel, rebin
 from shockrig.analysis.estimate.noise import estimate_noise
-from shockrig.analysis.estimate.readings import MAD_TO_SIGMA, rounding_step
+from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA, rounding_step
 from shockrig.files.causes import Uncertain
 from shockrig.files.diagnosis_data import Discovered, EffectSize
 

@@ -41,11 +41,11 @@ from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import Effect, by_name
 from shockrig.analysis.estimate.fit import Fit, fit, go_on
+from shockrig.analysis.estimate.fit_starts import plainly_wrong, rough_point, rough_rates
 from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.estimate.predictive import Score, bumps, run_densities, score, weights
 from shockrig.analysis.estimate.problem import RATE_SCATTER, Problem
 from shockrig.analysis.estimate.quantity import RunEffect
-from shockrig.analysis.estimate.scan import plainly_wrong, rough_point, rough_rates
 
 Array = NDArray[np.float64]
 Starts = Sequence[Mapping[str, float]]

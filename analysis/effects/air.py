@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import Arrays, Candidacy, Effect, Needs, Parameter, Readout, Start, Words
-from shockrig.analysis.estimate.readings import FEWEST_RUNS, as_fast_as_seen
+from shockrig.analysis.estimate.without_model import FEWEST_RUNS, as_fast_as_seen
 from shockrig.analysis.physics.chain import Chain, Recorded, RoomAir
 
 # The transfer takes time: the air at the probes changes linearly over `duration_s` from the transfer's start.

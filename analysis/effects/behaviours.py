@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import DIFFERS_BY, TINY_STRENGTH
+from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S, Conditions, dew_margin_k
 from shockrig.analysis.physics.chain import Chain, Recorded, RoomAir
-from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, Conditions, dew_margin_k
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import Arrays, Candidacy, Effect, InFlight, Needs, Parameter, Start, Words
-from shockrig.analysis.estimate.readings import as_fast_as_seen
+from shockrig.analysis.estimate.without_model import as_fast_as_seen
 from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.physics.chain import Chain, Recorded
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa

@@ -32,7 +32,7 @@ from shockrig.analysis.effects.behaviours import (
 )
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import Effect, InFlight, Link, Parameter, Start, Values, Words
-from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S
+from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S
 from shockrig.files.causes import StatedEffect, Uncertain
 from shockrig.files.diagnosis_data import Dependence, Discovered, EffectSize
 

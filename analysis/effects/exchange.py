@@ -18,8 +18,8 @@ from shockrig.analysis.estimate.effect import (
     Values,
     Words,
 )
+from shockrig.analysis.physics.air_exchange import Stream, temperature_ratio, vapour_ratio, ventilation_ratio
 from shockrig.analysis.physics.chain import Chain, relative_ventilation
-from shockrig.analysis.physics.exchange import Stream, temperature_ratio, vapour_ratio, ventilation_ratio
 
 # The air film around the bead: surface flux h (T_air - T_s), Biot number h R / k = biot_at_5_m_s F(v) / F(5 m/s).
 #

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import Arrays, Effect, InFlight, Needs, Parameter, Words
+from shockrig.analysis.physics.air_exchange import dew_margin_k, ventilation_ratio
 from shockrig.analysis.physics.chain import Chain, Recorded, relative_ventilation
-from shockrig.analysis.physics.exchange import dew_margin_k, ventilation_ratio
 from shockrig.analysis.physics.humidity import ZERO_CELSIUS_K
 
 # A wetted bead: after the transfer it reads low by `depression_k` exp(-t / `time_constant_s`) while the water leaves.

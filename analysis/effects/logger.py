@@ -23,7 +23,7 @@ from shockrig.analysis.estimate.effect import (
     unchanged,
 )
 from shockrig.analysis.estimate.model import LEAST_TRIGGER_OFFSET_S
-from shockrig.analysis.estimate.readings import coarser_than_the_sensor, known_to, mostly_repeats
+from shockrig.analysis.estimate.without_model import coarser_than_the_sensor, known_to, mostly_repeats
 from shockrig.analysis.physics.chain import Chain
 
 # The channel is late by `delay_s`: nothing else changes.

@@ -22,8 +22,8 @@ from shockrig.analysis.estimate.effect import (
     Words,
 )
 from shockrig.analysis.estimate.model import OWN_AIR
+from shockrig.analysis.physics.air_exchange import REFERENCE_C
 from shockrig.analysis.physics.chain import Chain
-from shockrig.analysis.physics.exchange import REFERENCE_C
 
 # The film is read at its own temperature: ppmv is turned into RH at the die's temperature (hyt.csv), not the air's.
 

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.quantity import ChannelName, Quantity
+from shockrig.analysis.physics.air_exchange import Conditions
 from shockrig.analysis.physics.chain import MeasuredAir
-from shockrig.analysis.physics.exchange import Conditions
 from shockrig.files.campaign_names import KNOWN_KINDS
 from shockrig.files.common_uncertainty import CommonUncertainty
 from shockrig.files.headline import LUMPED

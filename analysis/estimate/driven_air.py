@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.analysis.estimate.fit_starts import rough_rates
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.problem import Problem
-from shockrig.analysis.estimate.readings import MAD_TO_SIGMA
-from shockrig.analysis.estimate.scan import rough_rates
+from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
 from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.physics.chain import MeasuredAir
 from shockrig.analysis.physics.driven import beside_lagging_reference, noise_passed

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.quantity import ChannelName
+from shockrig.analysis.physics.air_exchange import Stream
 from shockrig.analysis.physics.chain import Chain
-from shockrig.analysis.physics.exchange import Stream
 
 Array = NDArray[np.float64]
 Link = Literal["air", "exchange", "body", "readout", "logger"]

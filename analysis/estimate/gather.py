@@ -35,15 +35,15 @@ from shockrig.analysis.estimate.driven_air import (
     follow_step,
 )
 from shockrig.analysis.estimate.quantity import HUMIDITY, QUANTITIES, TEMPERATURE, ChannelName, Quantity
-from shockrig.analysis.estimate.readings import (
+from shockrig.analysis.estimate.without_model import (
     FEWEST_READINGS,
     estimate_start,
     half_way_s,
     resolved_half_way_s,
     runs_elsewhere,
 )
+from shockrig.analysis.physics.air_exchange import Conditions
 from shockrig.analysis.physics.chain import MeasuredAir
-from shockrig.analysis.physics.exchange import Conditions
 from shockrig.analysis.physics.humidity import dew_point_c
 from shockrig.files.campaign import Campaign, Run, Trace
 from shockrig.files.numbers import counted

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.readings import FEWEST_READINGS, curved_noise, half_way_s, missed_by_line
+from shockrig.analysis.estimate.without_model import FEWEST_READINGS, curved_noise, half_way_s, missed_by_line
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.analysis.physics.air_exchange import Conditions
 from shockrig.analysis.physics.chain import Airs, Chain, MeasuredAir
-from shockrig.analysis.physics.exchange import Conditions
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.analysis.physics.readings import humidity_reading, temperature_reading
 from shockrig.files.campaign import Campaign, Run, Trace

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.driven_air import follow
-from shockrig.analysis.estimate.readings import white_noise
+from shockrig.analysis.estimate.without_model import white_noise
 
 Array = NDArray[np.float64]
 

@@ -29,7 +29,7 @@ from shockrig.analysis.fleet.statistics import CampaignStatistics, Responses
 from shockrig.analysis.fleet.whose import causes_of
 from shockrig.files.causes import Uncertain
 from shockrig.files.errors import InputError
-from shockrig.files.fleet import (
+from shockrig.files.fleet_file import (
     CHANNELS,
     Coordinate,
     Fleet,

@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import chdtrc, fdtrc, gammainc
 
-from shockrig.analysis.estimate.readings import MAD_TO_SIGMA
+from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
 from shockrig.analysis.fleet.statistics import CampaignStatistics, Responses
-from shockrig.files.fleet import KELVIN, Coordinate, design
+from shockrig.files.fleet_file import KELVIN, Coordinate, design
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

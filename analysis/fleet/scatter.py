@@ -24,7 +24,7 @@ from shockrig.analysis.estimate.problem import (
     restricted,
     scatters_tried,
 )
-from shockrig.files.fleet import RunScatter
+from shockrig.files.fleet_file import RunScatter
 
 Array = NDArray[np.float64]
 

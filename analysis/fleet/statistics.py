@@ -23,7 +23,7 @@ from shockrig.analysis.estimate.quantity import RunEffect
 from shockrig.analysis.fleet.scatter import scatter_cost
 from shockrig.files.campaign import Campaign
 from shockrig.files.causes import StatedEffect
-from shockrig.files.fleet import ALPHA, SENSOR_OF, Coordinate, D
+from shockrig.files.fleet_file import ALPHA, SENSOR_OF, Coordinate, D
 
 Array = NDArray[np.float64]
 

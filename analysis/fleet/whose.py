@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.fleet.population import LEAST_SENSORS, SPREAD_SCALE, FleetMember
 from shockrig.files.causes import StatedEffect, Uncertain
-from shockrig.files.fleet import BENCH, SENSOR, SEVERAL, TYPE, FleetCause, SharedParameter
+from shockrig.files.fleet_file import BENCH, SENSOR, SEVERAL, TYPE, FleetCause, SharedParameter
 
 Array = NDArray[np.float64]
 

@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from shockrig.analysis.flight.causal_bank import Bank, MixtureEstimate, surely
 from shockrig.analysis.flight.causal_design import ChannelDesign, Design, design_of
 from shockrig.analysis.flight.causal_guard import CODES_WITHIN, Guard, Judged
-from shockrig.analysis.flight.channel import LONGEST_FILL_S, LONGEST_REPEAT_S
 from shockrig.analysis.flight.doubts import profile_doubts
-from shockrig.analysis.flight.readout import not_causal, not_undone
+from shockrig.analysis.flight.flight_channel import LONGEST_FILL_S, LONGEST_REPEAT_S
 from shockrig.analysis.flight.screen import FEWEST_ROWS, GAP_PERIODS, LONGEST_GAP_S
 from shockrig.analysis.flight.smooth_channel import typical_period
-from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S
+from shockrig.analysis.flight.undo_readout import not_causal, not_undone
+from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S
 from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA, saturation_pressure_hpa
 from shockrig.files.errors import InputError
 from shockrig.files.flight import FLAGS, Corrected, Flight

@@ -16,8 +16,8 @@ from math import exp, sqrt, tanh
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.analysis.flight.air_prior import OU_VARIANCES, RATES_PER_S, UNSEEN_VARIANCE
 from shockrig.analysis.flight.causal_design import Ladder
-from shockrig.analysis.flight.prior import OU_VARIANCES, RATES_PER_S, UNSEEN_VARIANCE
 from shockrig.analysis.flight.response import hold
 
 Array = NDArray[np.float64]

@@ -16,9 +16,12 @@ from math import log
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.analysis.flight.air_prior import Prior
 from shockrig.analysis.flight.doubts import NO_SPEED
-from shockrig.analysis.flight.prior import Prior
-from shockrig.analysis.flight.readout import (
+from shockrig.analysis.flight.response import LagResponse, bead_response, film_response, unsure_of_airspeed
+from shockrig.analysis.flight.smooth_channel import MOST_PARTS, PER_LAG, resolved_rate
+from shockrig.analysis.flight.stretches import largest_share
+from shockrig.analysis.flight.undo_readout import (
     Acting,
     acting,
     ceiling,
@@ -29,10 +32,7 @@ from shockrig.analysis.flight.readout import (
     undone,
     uptake,
 )
-from shockrig.analysis.flight.response import LagResponse, bead_response, film_response, unsure_of_airspeed
-from shockrig.analysis.flight.smooth_channel import MOST_PARTS, PER_LAG, resolved_rate
-from shockrig.analysis.flight.stretches import largest_share
-from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, Stream
+from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S, Stream
 from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA
 from shockrig.analysis.physics.modes import Modes, slowest
 from shockrig.files.errors import InputError

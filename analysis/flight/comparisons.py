@@ -20,7 +20,7 @@ from scipy.special import gamma, gammainc
 
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.effect import InFlight
-from shockrig.analysis.flight.channel import FlightChannel, bridged
+from shockrig.analysis.flight.flight_channel import FlightChannel, bridged
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.flight.smoother import followed
 from shockrig.analysis.flight.sweep import lags_behind

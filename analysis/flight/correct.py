@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.flight.causal import causal
-from shockrig.analysis.flight.channel import (
+from shockrig.analysis.flight.comparisons import Told, compared, seen_by_film, slow_against_fast, told
+from shockrig.analysis.flight.doubts import airspeed_doubt, doubts, profile_doubts, slips
+from shockrig.analysis.flight.flight_channel import (
     FlightChannel,
     FlightReadings,
     coarse,
@@ -24,11 +26,14 @@ from shockrig.analysis.flight.channel import (
     too_few,
     untouched,
 )
-from shockrig.analysis.flight.comparisons import Told, compared, seen_by_film, slow_against_fast, told
-from shockrig.analysis.flight.doubts import airspeed_doubt, doubts, profile_doubts, slips
-from shockrig.analysis.flight.humidity import correct_humidity, felt_by_film
+from shockrig.analysis.flight.humidity_channel import correct_humidity, felt_by_film
 from shockrig.analysis.flight.inverse import exact_inverse, paper
-from shockrig.analysis.flight.readout import (
+from shockrig.analysis.flight.response import bead_response, unsure_of_airspeed
+from shockrig.analysis.flight.screen import clock as put_in_order
+from shockrig.analysis.flight.screen import code_notes, screen, without_codes
+from shockrig.analysis.flight.smooth_channel import LONGEST_BRIDGE_S, Estimate, estimate, typical_period
+from shockrig.analysis.flight.stretches import felt_jumps, largest_share
+from shockrig.analysis.flight.undo_readout import (
     Acting,
     acting,
     carried,
@@ -44,12 +49,7 @@ from shockrig.analysis.flight.readout import (
     undone,
     unseen,
 )
-from shockrig.analysis.flight.response import bead_response, unsure_of_airspeed
-from shockrig.analysis.flight.screen import clock as put_in_order
-from shockrig.analysis.flight.screen import code_notes, screen, without_codes
-from shockrig.analysis.flight.smooth_channel import LONGEST_BRIDGE_S, Estimate, estimate, typical_period
-from shockrig.analysis.flight.stretches import felt_jumps, largest_share
-from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, REFERENCE_C, Stream
+from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S, REFERENCE_C, Stream
 from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA
 from shockrig.files.errors import InputError
 from shockrig.files.flight import FLAGS, Corrected, Flight

@@ -12,7 +12,7 @@ from shockrig.analysis.flight.response import LagResponse, bead_response, film_r
 from shockrig.analysis.flight.screen import resolution_of, stairs
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.flight.stretches import scatter
-from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, REFERENCE_C, Stream
+from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S, REFERENCE_C, Stream
 from shockrig.files.flight import Flight
 from shockrig.files.numbers import counted
 from shockrig.files.profile import HumidityProfile, Profile, ResponseTime

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from shockrig.analysis.flight.channel import LEAST_SAMPLES, FlightReadings
+from shockrig.analysis.flight.flight_channel import LEAST_SAMPLES, FlightReadings
 from shockrig.analysis.flight.response import LagResponse, held_matrix, stepped
 from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
 from shockrig.analysis.physics.bodies import BODIES

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.effect import Values
-from shockrig.analysis.flight.readout import Acting, Stated, acting, propagated
+from shockrig.analysis.flight.undo_readout import Acting, Stated, acting, propagated
+from shockrig.analysis.physics.air_exchange import Stream
 from shockrig.analysis.physics.bodies import BODIES, Body
-from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.modes import Modes, first_order, in_series, slowest
 from shockrig.files.profile import HumidityProfile, TemperatureProfile
 

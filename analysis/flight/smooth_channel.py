@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
-from shockrig.analysis.flight.prior import (
+from shockrig.analysis.flight.air_prior import (
     Passing,
     Prior,
     fit_prior,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.flight.prior import (
+from shockrig.analysis.flight.air_prior import (
     AIR,
     AIR_STATES,
     OU_VARIANCES,

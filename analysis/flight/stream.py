@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.flight.channel import REMEMBERED_LAGS
 from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.flight.flight_channel import REMEMBERED_LAGS
 from shockrig.analysis.flight.response import bead_response, film_response
 from shockrig.analysis.flight.screen import code_notes, without_codes
 from shockrig.analysis.flight.smooth_channel import typical_period
-from shockrig.analysis.physics.exchange import REFERENCE_AIRFLOW_M_S, Stream
+from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S, Stream
 from shockrig.files.disk import real_path
 from shockrig.files.errors import InputError
 from shockrig.files.flight import FLAGS, Corrected, Flight, FlightColumns, read_layout

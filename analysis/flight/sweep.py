@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
-from shockrig.analysis.flight.prior import UNSEEN_VARIANCE, Passing, Prior
+from shockrig.analysis.flight.air_prior import UNSEEN_VARIANCE, Passing, Prior
 from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.smoother import Jumps, Smoothed, followed, smooth
 

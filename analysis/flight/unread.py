@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.flight.channel import LONGEST_FILL_S, FlightReadings
+from shockrig.analysis.flight.flight_channel import LONGEST_FILL_S, FlightReadings
 from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
 from shockrig.analysis.flight.stretches import TO_SIGMA
 from shockrig.analysis.flight.sweep import lags_behind

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.effects.of_flight import airflow_m_s
-from shockrig.analysis.flight.readout import coarse_track, vertical_speed
 from shockrig.analysis.flight.stretches import TO_SIGMA
+from shockrig.analysis.flight.undo_readout import coarse_track, vertical_speed
 from shockrig.files.flight import Flight
 from shockrig.files.ranges import RANGES
 

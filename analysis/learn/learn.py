@@ -16,7 +16,16 @@ from numpy.typing import NDArray
 from shockrig.analysis.estimate.predictive import weights
 from shockrig.analysis.learn.bins import CHANNELS, FlightBins, binned, why_nothing
 from shockrig.analysis.learn.density import FlightChannelData, prepared
-from shockrig.analysis.learn.fit import Learned, climbed, explored, fitted, hopeful, known_air, known_of, started
+from shockrig.analysis.learn.flights_fit import (
+    Learned,
+    climbed,
+    explored,
+    fitted,
+    hopeful,
+    known_air,
+    known_of,
+    started,
+)
 from shockrig.analysis.learn.laws import LAWS, Law, LawParameter
 from shockrig.analysis.learn.passes import Disagreement, NearerPasses, disagreement, gain_of, refutes
 from shockrig.files.errors import InputError

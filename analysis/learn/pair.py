@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from shockrig.analysis.estimate.predictive import weights
 from shockrig.analysis.learn.bins import FlightBins, side_by_side
 from shockrig.analysis.learn.density import FlightChannelData, prepared, sizes_of_one
-from shockrig.analysis.learn.fit import Learned, climbed, fitted, hopeful
+from shockrig.analysis.learn.flights_fit import Learned, climbed, fitted, hopeful
 from shockrig.analysis.learn.laws import LAWS, SECOND, SHIFT, Law, LawParameter, Values
 from shockrig.analysis.learn.learn import (
     CLOCK,

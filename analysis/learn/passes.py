@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from shockrig.analysis.learn.density import LAYER_SHARE, MOVES, FlightChannelData, SensorModel, air_of
-from shockrig.analysis.learn.fit import Learned
+from shockrig.analysis.learn.flights_fit import Learned
 
 Array = NDArray[np.float64]
 

@@ -15,8 +15,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.analysis.physics.air_exchange import Conditions, Stream, ventilation_ratio
 from shockrig.analysis.physics.bodies import Body
-from shockrig.analysis.physics.exchange import Conditions, Stream, ventilation_ratio
 
 Array = NDArray[np.float64]
 

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from shockrig.analysis.physics import modes
+from shockrig.analysis.physics.air_exchange import REFERENCE_C
 from shockrig.analysis.physics.chain import Chain, MeasuredAir, RoomAir
 from shockrig.analysis.physics.driven import beside_lagging_reference, respond
-from shockrig.analysis.physics.exchange import REFERENCE_C
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 
 if TYPE_CHECKING:

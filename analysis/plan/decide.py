@@ -16,14 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.characterize.result import Characterization
-from shockrig.analysis.checks.check import checked
+from shockrig.analysis.checks.campaign_checks import checked
 from shockrig.analysis.diagnose.diagnosed import ChannelOutcome
 from shockrig.analysis.diagnose.grammar import MOST_RUNS
 from shockrig.analysis.estimate.arrow import Arrow
 from shockrig.analysis.estimate.fit import Fit, linearise
 from shockrig.analysis.estimate.model import Point, Structure
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, looked_for
-from shockrig.analysis.fleet.prior import WithFleet, with_population
+from shockrig.analysis.fleet.fleet_prior import WithFleet, with_population
 from shockrig.analysis.plan.choose import UNTOLD, Choice, chase, choose_runs
 from shockrig.analysis.plan.decision import (
     CONTINUE,
@@ -52,7 +52,7 @@ from shockrig.analysis.plan.shock import (
 from shockrig.analysis.plan.varied import shock_of, usual_of, variety
 from shockrig.files.campaign import Campaign
 from shockrig.files.errors import InputError
-from shockrig.files.fleet import Population
+from shockrig.files.fleet_file import Population
 
 Array = NDArray[np.float64]
 

@@ -25,10 +25,9 @@ from scipy.linalg import cho_factor, cho_solve
 
 from shockrig.analysis.learn.bins import LEAST_PASS_M, REFERENCE_TEMPERATURE_C, FlightBins, binned
 from shockrig.analysis.learn.density import MOVE_STEP, MOVES, UNKNOWN, FlightChannelData, SensorModel, prepared
-from shockrig.analysis.learn.fit import LONGEST_STEP
+from shockrig.analysis.learn.flights_fit import LONGEST_STEP
 from shockrig.analysis.learn.laws import LAWS, Law
-from shockrig.analysis.plan.legs import Climb, Descend, Hover, Leg, OutAndBack, Spiral, Turn, end_m, seconds_of
-from shockrig.analysis.plan.mission import (
+from shockrig.analysis.plan.flight_plan import (
     LANDING_FROM_M,
     LANDING_M_S,
     LEGAL_CEILING_M,
@@ -37,6 +36,7 @@ from shockrig.analysis.plan.mission import (
     FlightPlan,
     minutes,
 )
+from shockrig.analysis.plan.legs import Climb, Descend, Hover, Leg, OutAndBack, Spiral, Turn, end_m, seconds_of
 from shockrig.files.errors import InputError
 from shockrig.files.flight import Flight
 from shockrig.files.learned import REMEDY, LearnedChannel, LearnedFile

@@ -14,7 +14,7 @@ from shockrig.analysis.plan.precision import FEWEST_RUNS, Target
 from shockrig.analysis.plan.shock import PlannedShock, from_run
 from shockrig.files.campaign_names import FIRST_PROBE
 from shockrig.files.json_files import measured
-from shockrig.files.plan import DECISION_FORMAT, PLAN_FORMAT
+from shockrig.files.plan_file import DECISION_FORMAT, PLAN_FORMAT
 
 # What a decision holds, when it is the last one, and what is missing until then.
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.characterize.result import ChannelResult, Characterization
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName
-from shockrig.analysis.fleet.prior import WithFleet
+from shockrig.analysis.fleet.fleet_prior import WithFleet
 from shockrig.analysis.fleet.statistics import LEAST_VARIANCE, film
 from shockrig.analysis.plan.evidence import REJECTED, student
 from shockrig.analysis.plan.goals import Goals, Place
@@ -31,7 +31,7 @@ from shockrig.analysis.plan.shock import (
 )
 from shockrig.analysis.plan.varied import shock_of, variety
 from shockrig.files.campaign import Run
-from shockrig.files.fleet import ALPHA, Coordinate, Population
+from shockrig.files.fleet_file import ALPHA, Coordinate, Population
 
 Array = NDArray[np.float64]
 ENOUGH_T63 = 9.0  # of record after the transfer in which a film's rate is told: 98 % of its step takes 4.7

@@ -25,9 +25,9 @@ from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.behaviours import form_of
 from shockrig.analysis.effects.described import described, is_described
 from shockrig.analysis.estimate.fit import Fit, fit
+from shockrig.analysis.estimate.fit_starts import rough_rates
 from shockrig.analysis.estimate.model import Model, Structure
 from shockrig.analysis.estimate.problem import Problem, posterior_scatter, prior_cost
-from shockrig.analysis.estimate.scan import rough_rates
 
 Array = NDArray[np.float64]
 OLD_RUNS_POWER = 0.5  # power of the old runs' likelihood

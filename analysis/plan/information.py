@@ -26,7 +26,7 @@ from shockrig.analysis.estimate.model import Point
 from shockrig.analysis.estimate.noise import Noise, whiteners
 from shockrig.analysis.estimate.problem import Problem, make_problem
 from shockrig.analysis.estimate.quantity import HUMIDITY, TEMPERATURE
-from shockrig.analysis.physics.exchange import Conditions
+from shockrig.analysis.physics.air_exchange import Conditions
 from shockrig.analysis.plan.shock import LEAD_S, PHASE_S, PlannedShock
 
 Array = NDArray[np.float64]

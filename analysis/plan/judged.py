@@ -17,12 +17,12 @@ from shockrig.analysis.diagnose.prepare import Prepared, prepare
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.effects.described import described, discovered_of, is_described
 from shockrig.analysis.estimate.fit import Fit, fit
+from shockrig.analysis.estimate.fit_starts import rough_point
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import Model, Structure
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import ChannelName
-from shockrig.analysis.estimate.scan import rough_point
 from shockrig.analysis.plan.evidence import REJECTED, Dispute, against, label_of, structure_of
 from shockrig.files.campaign import Campaign
 from shockrig.files.causes import StatedEffect, Uncertain

@@ -12,13 +12,13 @@ from shockrig.analysis.characterize.part_fit import Extension
 from shockrig.analysis.characterize.result import ChannelResult, Characterization, TableRow
 from shockrig.analysis.estimate.channel import AMBIENT_WIDTH_K
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName
-from shockrig.analysis.fleet.prior import WithFleet, relative_of_type
+from shockrig.analysis.fleet.fleet_prior import WithFleet, relative_of_type
 from shockrig.analysis.plan.goals import QUANTITY_OF, Goals, Precision
 from shockrig.analysis.plan.information import gained
 from shockrig.files.campaign import Campaign
 from shockrig.files.campaign_names import FIRST_PROBE
 from shockrig.files.errors import InputError
-from shockrig.files.fleet import Population
+from shockrig.files.fleet_file import Population
 
 FEWEST_RUNS = 2  # of a row: one says nothing of how much runs differ
 UNKNOWN_SIGMA = 0.5  # relative standard uncertainty of what no run has shown

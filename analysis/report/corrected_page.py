@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.flight.channel import bridged
 from shockrig.analysis.flight.comparisons import ways_apart
+from shockrig.analysis.flight.flight_channel import bridged
 from shockrig.analysis.flight.judging import gathered, power_spectrum
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.report.html import Block, Cell, Figure, HtmlPage, KeyNumber, Section, Table, Text

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from shockrig.analysis.estimate.quantity import QUANTITIES
-from shockrig.analysis.fleet.prior import WithFleet
+from shockrig.analysis.fleet.fleet_prior import WithFleet
 from shockrig.analysis.report.html import Block, Cell, Details, Figure, HtmlPage, KeyNumber, Section, Table, Text
 from shockrig.files.figures import save_figure
-from shockrig.files.fleet import (
+from shockrig.files.fleet_file import (
     BENCH,
     SENSOR,
     TYPE,

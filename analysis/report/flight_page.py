@@ -24,7 +24,7 @@ from shockrig.analysis.flight.judging import (
 )
 from shockrig.analysis.flight.response import LagResponse, bead_response, film_response
 from shockrig.analysis.flight.simulated.scenes import CHANNELS, UNCERTAINTY, SceneScore, Trial, scores
-from shockrig.analysis.physics.exchange import Stream
+from shockrig.analysis.physics.air_exchange import Stream
 from shockrig.analysis.physics.schemes.state_space import StateSpace, inverse_noise_gain, poles, zeros
 from shockrig.analysis.report.html import Figure, HtmlPage, KeyNumber, Section, Table, Text
 from shockrig.files.figures import BLUE, GREEN, GREY, INK, ORANGE, RED, save_figure, styled

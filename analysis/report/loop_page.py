@@ -1,7 +1,7 @@
 """The page of a campaign that chose its own runs: goals against bench minutes, evidence against runs, what came of what
 was expected; then every decision.
 
-Drawn from the campaign's log of decisions alone (files/plan.py).
+Drawn from the campaign's log of decisions alone (files/plan_file.py).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from shockrig.analysis.report.html import Details, Figure, HtmlPage, KeyNumber, 
 from shockrig.analysis.report.panels import panels
 from shockrig.files.figures import BLUE, CYCLE, GREY, INK, save_figure, styled
 from shockrig.files.numbers import counted, plain
-from shockrig.files.plan import where_it_stands
+from shockrig.files.plan_file import where_it_stands
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as MatplotlibFigure

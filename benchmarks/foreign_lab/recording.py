@@ -18,7 +18,7 @@ from foreign_lab.air import AirCourse, ideal_step, one_approach, ramp, two_stage
 from foreign_lab.bodies import SHARE_63, make_body
 from foreign_lab.lab import Lab, LabLogger, LabRun
 from shockrig.files.campaign_write import campaign_document, run_document, table_text, write_campaign, write_run
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 
 Array = NDArray[np.float64]
 

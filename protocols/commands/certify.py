@@ -19,7 +19,7 @@ NAMED = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    from shockrig.protocols import probes
+    from shockrig.protocols import each_probe
 
     parser.epilog = (
         "campaign.json may state what is off in all runs alike (common_uncertainty); what it leaves out is taken as an "
@@ -57,17 +57,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument(f"--{name}", metavar="NAME", help=words)
     parser.add_argument("--country", metavar="CC", default="ZZ", help="of the laboratory, ISO 3166 (ZZ: not stated)")
     parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the differential evolution (0)")
-    probes.add_argument(parser)
+    each_probe.add_argument(parser)
 
 
 def main(args: argparse.Namespace) -> int:
     """Certify, write, print."""
     from datetime import UTC, datetime
 
-    from shockrig.protocols import probes
+    from shockrig.protocols import each_probe
 
     made_at = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
-    for probe, its in probes.each(args.campaign, args.probe):
+    for probe, its in each_probe.each(args.campaign, args.probe):
         out = its(args.out)
         print(summary(write(args, out, None if args.extend is None else its(args.extend), made_at, probe)))
         print(f"certificate: {out / 'certificate.html'}, {out / 'certificate.xml'}")

@@ -12,12 +12,12 @@ from shockrig.files.numbers import counted
 
 if TYPE_CHECKING:
     from shockrig.analysis.characterize.result import Characterization
-    from shockrig.analysis.fleet.prior import WithFleet
+    from shockrig.analysis.fleet.fleet_prior import WithFleet
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    from shockrig.protocols import probes
+    from shockrig.protocols import each_probe
 
     parser.add_argument("campaign", metavar="CAMPAIGN", type=Path, help="campaign folder (campaign.json, runs/)")
     parser.add_argument(
@@ -33,17 +33,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help="what other sensors of the type say, as shockrig fleet wrote it",
     )
-    probes.add_argument(parser)
+    each_probe.add_argument(parser)
 
 
 def main(args: argparse.Namespace) -> int:
     """Characterize, write, print."""
     from datetime import UTC, datetime
 
-    from shockrig.protocols import probes
+    from shockrig.protocols import each_probe
 
     made_at = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
-    for probe, its in probes.each(args.campaign, args.probe):
+    for probe, its in each_probe.each(args.campaign, args.probe):
         out, extend = its(args.out), None if args.extend is None else its(args.extend)
         result, fleet = write(args.campaign, out, args.seed, extend, made_at, probe, args.fleet)
         print(summary(result))
@@ -71,12 +71,12 @@ def write(
     from shockrig.analysis.characterize.characterize import characterize
     from shockrig.analysis.characterize.part_fit import read_extension
     from shockrig.analysis.characterize.result import to_profile
-    from shockrig.analysis.fleet.prior import with_population
+    from shockrig.analysis.fleet.fleet_prior import with_population
     from shockrig.analysis.report.characterize_page import write_characterization
     from shockrig.analysis.report.fleet_page import fleet_section
     from shockrig.files.campaign import read_campaign
-    from shockrig.files.fleet import read_fleet
-    from shockrig.files.plan import read_decisions
+    from shockrig.files.fleet_file import read_fleet
+    from shockrig.files.plan_file import read_decisions
     from shockrig.files.profile import write_profile
     from shockrig.protocols.folder import said_of_data, software_version, whole_folder
     from shockrig.protocols.time_left import CHARACTERIZING, Phases

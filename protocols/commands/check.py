@@ -28,7 +28,7 @@ def main(args: argparse.Namespace) -> int:
     import time
 
     from shockrig.rig.bench import default_bench, load_bench, open_bench
-    from shockrig.rig.check import examine, lacking, tree
+    from shockrig.rig.bench_findings import examine, lacking, tree
     from shockrig.rig.protocol import load_protocol
 
     protocol = load_protocol(args.protocol)

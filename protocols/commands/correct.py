@@ -158,7 +158,7 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.analysis.flight.stream import correct_file
     from shockrig.analysis.report.corrected_page import FlightGathered
     from shockrig.files.errors import InputError
-    from shockrig.files.fleet import read_fleet
+    from shockrig.files.fleet_file import read_fleet
     from shockrig.files.profile import read_profile
     from shockrig.protocols.time_left import CountedRows
     from shockrig.protocols.wmo import demand_position, of_argument

@@ -47,7 +47,7 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.protocols.branch import branch, received
     from shockrig.protocols.commands import characterize, diagnose
     from shockrig.protocols.reveal import score
-    from shockrig.rig.errors import BenchError
+    from shockrig.rig.bench_errors import BenchError
 
     made_at = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
     campaign, sealed = args.out / "campaign", args.out / "campaign.sealed"

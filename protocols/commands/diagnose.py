@@ -36,7 +36,7 @@ EARLIER_REMEDY = "give the diagnosis of this campaign, or leave --from out"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    from shockrig.protocols import probes
+    from shockrig.protocols import each_probe
 
     parser.add_argument("campaign", metavar="CAMPAIGN", type=Path, help="campaign folder (campaign.json, runs/)")
     parser.add_argument(
@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="an earlier diagnosis of this campaign (its folder or diagnosis.json): the search begins with what it "
         "named, and tests it again",
     )
-    probes.add_argument(parser)
+    each_probe.add_argument(parser)
     for option, unit, accuracy in (("--tolerance-k", "K", 0.03), ("--tolerance-percent", "%RH", 0.2)):
         parser.add_argument(
             option,
@@ -69,14 +69,14 @@ def main(args: argparse.Namespace) -> int:
 
     from shockrig.analysis.diagnose.remainder import Tolerance
     from shockrig.files.errors import InputError
-    from shockrig.protocols import probes
+    from shockrig.protocols import each_probe
 
     made_at = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
     for option, value in (("--tolerance-k", args.tolerance_k), ("--tolerance-percent", args.tolerance_percent)):
         if not 0.0 <= value < 1e6:
             raise InputError(f"{option} {value:g}: expected a number from 0 on")
     tolerance = Tolerance(args.tolerance_k, args.tolerance_percent)
-    for probe, its in probes.each(args.campaign, args.probe):
+    for probe, its in each_probe.each(args.campaign, args.probe):
         out, earlier = its(args.out), None if args.earlier is None else _earlier(its(args.earlier))
         diagnosis = write(args.campaign, out, args.seed, made_at, tolerance, earlier, probe)
         print(summary(diagnosis))
@@ -122,7 +122,7 @@ def write(
         # Meanwhile this process imports what draws and flies.
         from shockrig.analysis.report.diagnosis_page import write_diagnosis
         from shockrig.files.diagnosis import write_diagnosis as write_document
-        from shockrig.files.plan import read_decisions
+        from shockrig.files.plan_file import read_decisions
 
         for room in ("matplotlib.figure", "matplotlib.backends.backend_agg", "shockrig.analysis.report.crossing"):
             import_module(room)
@@ -163,7 +163,7 @@ def _read_and_search(
     """Send the campaign as checked with the number of its channels, then each channel's diagnosis when it is found."""
     from multiprocessing.connection import wait
 
-    from shockrig.analysis.checks.check import checked
+    from shockrig.analysis.checks.campaign_checks import checked
     from shockrig.analysis.diagnose.diagnose import enough
     from shockrig.analysis.estimate.gather import build_channel
     from shockrig.files.campaign import read_campaign

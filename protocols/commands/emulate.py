@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from shockrig.protocols.parser import whole_number
 
 if TYPE_CHECKING:
-    from shockrig.rig.virtual.emulate.session import Options
+    from shockrig.rig.virtual.emulate.live_session import Options
 
 PRESSURE_HPA = 1013.25
 CHAMBERS_FILE = "chambers.toml"
@@ -93,9 +93,9 @@ def main(args: argparse.Namespace) -> int:
     import time
 
     from shockrig.files.disk import write_whole
-    from shockrig.rig.errors import BenchError
+    from shockrig.rig.bench_errors import BenchError
     from shockrig.rig.virtual.emulate.i2c_socket import build_preload
-    from shockrig.rig.virtual.emulate.session import BAUD, FastClock, Session, instruments_of, probes_of
+    from shockrig.rig.virtual.emulate.live_session import BAUD, FastClock, Session, instruments_of, probes_of
 
     if args.build is not None:
         print(f"{build_preload(args.build)}: name it in LD_PRELOAD, and the socket in SHOCKRIG_I2C_{args.bus}")
@@ -140,7 +140,7 @@ def main(args: argparse.Namespace) -> int:
 @contextmanager
 def _made(folder: Path) -> Iterator[Path]:
     """A folder, made where there is none; of what was made nothing is left that holds nothing in the end."""
-    from shockrig.rig.errors import BenchError
+    from shockrig.rig.bench_errors import BenchError
 
     new = [one for one in (folder, *folder.parents) if not one.exists()]
     try:
@@ -158,8 +158,8 @@ def _made(folder: Path) -> Iterator[Path]:
 def _options(args: argparse.Namespace) -> Options:
     """What is emulated, from arguments that can be."""
     from shockrig.files.ranges import RANGES, Range
-    from shockrig.rig.errors import BenchError
-    from shockrig.rig.virtual.emulate.session import Options
+    from shockrig.rig.bench_errors import BenchError
+    from shockrig.rig.virtual.emulate.live_session import Options
 
     possible = {"speed": Range(0.01, 1000.0), "rate_hz": RANGES["rate_hz"], "airflow": RANGES["airflow_m_s"]}
     for name, limits in possible.items():
@@ -221,7 +221,7 @@ def _serve(clock: Any, session: Any, end_s: float | None, speed: float, vehicle:
 def _links(given: list[str], serial: list[str]) -> dict[str, Path]:
     """Name of an instrument -> link, from PATH (one serial instrument) or NAME=PATH."""
     from shockrig.files.disk import demand_name
-    from shockrig.rig.errors import BenchError
+    from shockrig.rig.bench_errors import BenchError
 
     links = {}
     for text in given:
@@ -300,7 +300,7 @@ def _flight(args: argparse.Namespace) -> tuple[list[Any], float]:
 
 def _air(name: str, text: str) -> tuple[float, float]:
     from shockrig.files.ranges import RANGES
-    from shockrig.rig.errors import BenchError
+    from shockrig.rig.bench_errors import BenchError
 
     try:
         temperature_c, humidity_percent = (float(part) for part in text.split(","))
@@ -316,7 +316,7 @@ def fault_of(text: str) -> Any:
     import math
     import re
 
-    from shockrig.rig.errors import BenchError
+    from shockrig.rig.bench_errors import BenchError
     from shockrig.rig.virtual.faults import Fault
 
     found = re.fullmatch(r"(\w+)@(\d+(?:\.\d+)?)(?:-(\d+(?:\.\d+)?))?", text)
@@ -327,7 +327,7 @@ def fault_of(text: str) -> Any:
 
 def _link(link: Path, target: str) -> None:
     """Never over a file, which may be somebody's; a link that was left behind is replaced."""
-    from shockrig.rig.errors import BenchError
+    from shockrig.rig.bench_errors import BenchError
 
     if link.is_symlink():
         link.unlink()

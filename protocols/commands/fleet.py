@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from shockrig.files.fleet import Fleet
+    from shockrig.files.fleet_file import Fleet
 
 EVERY_S = 3.0  # a line of progress
 
@@ -38,7 +38,7 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.analysis.fleet.fleet import fleet_of
     from shockrig.analysis.report.fleet_page import verdict, write_fleet_page
     from shockrig.files.errors import InputError
-    from shockrig.files.fleet import write_fleet
+    from shockrig.files.fleet_file import write_fleet
     from shockrig.files.fleet_views import write_fleet_tables
     from shockrig.files.numbers import counted
     from shockrig.files.profile import write_profile

@@ -78,7 +78,7 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.protocols.fly_page import FlightFollower
     from shockrig.protocols.folder import software_version
     from shockrig.rig.bench import load_bench, open_bench
-    from shockrig.rig.errors import BenchError
+    from shockrig.rig.bench_errors import BenchError
 
     _demand_numbers(args)
     config = load_bench(args.bench)

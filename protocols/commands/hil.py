@@ -39,7 +39,7 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.protocols.folder import software_version
     from shockrig.protocols.hil import KINDS, fly_emulated, judge
     from shockrig.protocols.time_left import PLAYING, Phases
-    from shockrig.rig.errors import BenchError
+    from shockrig.rig.bench_errors import BenchError
 
     if not 0.0 <= args.lag_s <= 60.0:
         raise InputError(f"--lag-s {args.lag_s:g}: expected 0 to 60 s")

@@ -37,9 +37,9 @@ def main(args: argparse.Namespace) -> int:
     import tempfile
     from pathlib import Path
 
+    from shockrig.rig.bench_errors import BusError
     from shockrig.rig.buses.i2c import SmbusBus
     from shockrig.rig.clock import RealClock
-    from shockrig.rig.errors import BusError
     from shockrig.rig.sensors.hyt271_commands import answering, change_address, read_address, wait_for_answer
 
     clock = RealClock()

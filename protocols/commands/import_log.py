@@ -12,10 +12,10 @@ from shockrig.files.errors import InputError
 from shockrig.files.numbers import counted
 
 if TYPE_CHECKING:
-    from shockrig.rig.logs.campaigns import Imported, SensorCampaign
-    from shockrig.rig.logs.channels import SensorLog
     from shockrig.rig.logs.found import LogStep
+    from shockrig.rig.logs.log_campaigns import Imported, SensorCampaign
     from shockrig.rig.logs.mapping import LogMap
+    from shockrig.rig.logs.sensor_logs import SensorLog
 
 
 def look(args: argparse.Namespace) -> int:
@@ -25,10 +25,10 @@ def look(args: argparse.Namespace) -> int:
     from shockrig.protocols.folder import whole_folder
     from shockrig.protocols.log_picture import draw_log
     from shockrig.protocols.time_left import LOOKING_AT_LOG, Phases
-    from shockrig.rig.logs.channels import read_sensors
     from shockrig.rig.logs.first_map import look_at
     from shockrig.rig.logs.found import steps_of
     from shockrig.rig.logs.map_file import read_map
+    from shockrig.rig.logs.sensor_logs import read_sensors
 
     say = Phases(LOOKING_AT_LOG, only_long=True)
     folder = args.out or Path(".")
@@ -73,7 +73,7 @@ def import_by_map(args: argparse.Namespace) -> int:
     from shockrig.files.disk import real_path, shown
     from shockrig.protocols.folder import software_version, whole_folder
     from shockrig.rig.logs.adding import with_more
-    from shockrig.rig.logs.campaigns import describe, import_logs, write_runs
+    from shockrig.rig.logs.log_campaigns import describe, import_logs, write_runs
     from shockrig.rig.logs.map_file import read_map
 
     out: Path = args.out

@@ -93,7 +93,7 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    from shockrig.rig.errors import BenchError
+    from shockrig.rig.bench_errors import BenchError
 
     _check_numbers(args)
     if args.logs or args.look or args.map is not None or args.sensor is not None:
@@ -170,7 +170,7 @@ def _series(args: argparse.Namespace) -> dict[str, SensorSeries]:
 def _import_logs(args: argparse.Namespace) -> int:
     """Logs by a map, or a first look at them."""
     from shockrig.protocols.commands.import_log import import_by_map, look
-    from shockrig.rig.errors import BenchError
+    from shockrig.rig.bench_errors import BenchError
 
     if not args.logs:
         raise BenchError("no LOG given; --look, --map and --sensor need one, such as shockrig import LOG --look")
@@ -200,7 +200,7 @@ def _check_numbers(args: argparse.Namespace) -> None:
     import math
 
     from shockrig.files.ranges import RANGES, Range
-    from shockrig.rig.errors import BenchError
+    from shockrig.rig.bench_errors import BenchError
 
     limits = {
         "source_temperature": RANGES["temperature_c"],

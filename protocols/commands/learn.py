@@ -94,7 +94,7 @@ def _write(
     pair: PairLearned | None,
 ) -> bool:
     """A sensor's learned.json, profile.json and page; whether there is a profile. `bench` is the first sensor's."""
-    from shockrig.analysis.learn.profile import learned_profile
+    from shockrig.analysis.learn.learned_profile import learned_profile
     from shockrig.analysis.report.learned_page import write_learned_page
     from shockrig.files.learned import write_learned
     from shockrig.files.profile import write_profile

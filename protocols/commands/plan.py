@@ -7,7 +7,7 @@ import argparse
 from pathlib import Path
 
 from shockrig.files.numbers import counted
-from shockrig.protocols.probes import BY_WHICH
+from shockrig.protocols.each_probe import BY_WHICH
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -73,7 +73,7 @@ def main(args: argparse.Namespace) -> int:
 
 def _plan_flight(args: argparse.Namespace) -> int:
     from shockrig.analysis.plan.decide_flight import AT_NIGHT, FlightLimits, advice, by_night, ranked
-    from shockrig.analysis.plan.mission import mission_of, words
+    from shockrig.analysis.plan.flight_plan import mission_of, words
     from shockrig.files.disk import demand_place, shown
     from shockrig.files.errors import InputError
     from shockrig.files.learned import read_learned
@@ -129,13 +129,13 @@ def _plan_runs(args: argparse.Namespace) -> int:
     from shockrig.analysis.plan.shock import ORDINARY
     from shockrig.analysis.plan.varied import usual_of
     from shockrig.files.disk import write_whole
-    from shockrig.files.fleet import read_fleet
+    from shockrig.files.fleet_file import read_fleet
     from shockrig.files.json_files import write_json
-    from shockrig.files.plan import append_decision, read_decisions
+    from shockrig.files.plan_file import append_decision, read_decisions
     from shockrig.protocols.decided import as_protocol, feasible_on, lines, surroundings_of
-    from shockrig.protocols.loop_page import write_loop_page
+    from shockrig.protocols.decisions_page import write_loop_page
+    from shockrig.protocols.each_probe import seen_by, wanted_probes
     from shockrig.protocols.made_before import outcomes
-    from shockrig.protocols.probes import seen_by, wanted_probes
     from shockrig.protocols.time_left import PLANNING, Phases
     from shockrig.rig.bench import open_bench
     from shockrig.rig.bench_file import load_bench

@@ -29,7 +29,7 @@ class _Sealed:
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    from shockrig.protocols.probes import BY_WHICH
+    from shockrig.protocols.each_probe import BY_WHICH
 
     parser.set_defaults(ends_by_ctrl_c=True)
     parser.epilog = (
@@ -101,7 +101,7 @@ def _add_emulated(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     from shockrig.files.disk import is_there, real_path
     from shockrig.rig.bench import carrying, default_bench, load_bench, open_bench
-    from shockrig.rig.errors import BenchError
+    from shockrig.rig.bench_errors import BenchError
     from shockrig.rig.planning import check_plan
     from shockrig.rig.protocol import load_protocol
     from shockrig.rig.virtual.hide import seal
@@ -148,7 +148,7 @@ def main(args: argparse.Namespace) -> int:
 
 def _demand_goals(args: argparse.Namespace, adaptive: bool) -> None:
     """What belongs to `run adaptive` alone, and what that needs."""
-    from shockrig.rig.errors import BenchError
+    from shockrig.rig.bench_errors import BenchError
 
     if adaptive and not args.until:
         raise BenchError(f"--until is missing: what shall be reached? e.g. --until {EXAMPLE!r}")
@@ -161,7 +161,7 @@ def _demand_goals(args: argparse.Namespace, adaptive: bool) -> None:
 
 def _fleets(args: argparse.Namespace) -> tuple[Path | None, int | None]:
     """The fleet that is a prior, and the seed of a type of emulated sensors; and whether what goes with them fits."""
-    from shockrig.rig.errors import BenchError
+    from shockrig.rig.bench_errors import BenchError
 
     seeds = [int(text) for text in args.fleet if text.isdecimal()]
     files = [Path(text) for text in args.fleet if not text.isdecimal()]
@@ -181,7 +181,7 @@ def _opening(args: argparse.Namespace) -> Any:
     from shockrig.analysis.plan.goals import parse_goals
     from shockrig.files.disk import is_there
     from shockrig.protocols.decided import as_protocol
-    from shockrig.rig.errors import BenchError
+    from shockrig.rig.bench_errors import BenchError
     from shockrig.rig.recorder.state import read_head
 
     goals = parse_goals(args.until)
@@ -193,7 +193,7 @@ def _opening(args: argparse.Namespace) -> Any:
 
 def _ask_for_invented_data(protocol: str) -> None:
     """A protocol for a person at a real bench is not run on the virtual one because an option was forgotten."""
-    from shockrig.rig.errors import BenchError
+    from shockrig.rig.bench_errors import BenchError
 
     missing = f"--bench is missing: the protocol {protocol} is for instruments of your own"
     if sys.stdin.isatty():
@@ -212,8 +212,8 @@ def _emulated(args: argparse.Namespace, config: Any) -> tuple[Any, _Sealed]:
     from shockrig.files.campaign_names import probes_of
     from shockrig.files.disk import is_there, real_path
     from shockrig.rig.bench import of_one_type, open_bench
+    from shockrig.rig.bench_errors import BenchError
     from shockrig.rig.bench_file import LARGEST_SEED
-    from shockrig.rig.errors import BenchError
     from shockrig.rig.virtual.hide import COMFORTABLE, draw_hidden
     from shockrig.rig.virtual.truth import (
         REALISTIC,
@@ -260,7 +260,7 @@ def _emulated(args: argparse.Namespace, config: Any) -> tuple[Any, _Sealed]:
 
 def _unsealed(args: argparse.Namespace, path: Path) -> tuple[Any, int]:
     """The truth and the seed of a campaign that goes on."""
-    from shockrig.rig.errors import BenchError
+    from shockrig.rig.bench_errors import BenchError
     from shockrig.rig.recorder.state import read_head
     from shockrig.rig.virtual.hide import open_seal
 
@@ -311,7 +311,7 @@ def _preflight(args: argparse.Namespace, protocol: Any, bench: Any) -> int:
     import time
 
     from shockrig.protocols.commands.check import ready
-    from shockrig.rig.check import examine, lacking, tree
+    from shockrig.rig.bench_findings import examine, lacking, tree
 
     with bench:
         findings = examine(bench, protocol, args.out or Path(), wall=time.time, may_move=False)
@@ -322,7 +322,7 @@ def _preflight(args: argparse.Namespace, protocol: Any, bench: Any) -> int:
 
 
 def _record(args: argparse.Namespace, protocol: Any, bench: Any, sealed: _Sealed | None) -> int:
-    from shockrig.protocols.loop_page import write_loop_page
+    from shockrig.protocols.decisions_page import write_loop_page
     from shockrig.protocols.provenance import session
     from shockrig.protocols.run_progress import duration, observer
     from shockrig.protocols.watch.beside import LiveObserver
@@ -368,7 +368,7 @@ def _record(args: argparse.Namespace, protocol: Any, bench: Any, sealed: _Sealed
 def _loop(args: argparse.Namespace, bench: Any, say: Callable[[str], None]) -> Any:
     """What decides on the next run, whenever the recorder asks."""
     from shockrig.analysis.plan.goals import parse_goals
-    from shockrig.files.fleet import read_fleet
+    from shockrig.files.fleet_file import read_fleet
     from shockrig.protocols.adaptive import Loop
     from shockrig.rig.protocol import load_protocol
 

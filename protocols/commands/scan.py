@@ -31,11 +31,11 @@ def main(args: argparse.Namespace) -> int:
     import tomllib
 
     from shockrig.files.disk import write_whole
+    from shockrig.rig.bench_errors import BenchError
     from shockrig.rig.bench_file import check_bench
     from shockrig.rig.buses.i2c import SmbusBus
     from shockrig.rig.buses.serial_port import PyserialPort, pyserial_opener
     from shockrig.rig.clock import RealClock
-    from shockrig.rig.errors import BenchError
     from shockrig.rig.scan import bench_toml, scan_i2c, scan_serial
 
     if args.out is not None and args.out.exists():

@@ -26,7 +26,7 @@ from typing import Any, Protocol, cast
 from urllib.parse import urlsplit
 
 from shockrig.protocols.watch import step_back
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.requests import Request, leave_request
 from shockrig.rig.watch.follow import Follower
 

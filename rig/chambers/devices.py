@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.chambers.limits import UNITS, ClimateDevice
-from shockrig.rig.errors import BenchError
 from shockrig.rig.seams import Air, Clock, Operator
 from shockrig.rig.stages.manual import AskedSurroundings
 

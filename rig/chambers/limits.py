@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from shockrig.files.ranges import Range
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 
 UNITS = {"temperature": "degC", "humidity": "%RH", "airflow": "m/s"}
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 from urllib.parse import urlsplit
 
+from shockrig.rig.bench_errors import BenchError, BusError
 from shockrig.rig.chambers.limits import Limits
-from shockrig.rig.errors import BenchError, BusError
 from shockrig.rig.seams import Parts
 
 NONE = -1

@@ -12,8 +12,8 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
+from shockrig.rig.bench_errors import BenchError, BusError
 from shockrig.rig.chambers.limits import Limits
-from shockrig.rig.errors import BenchError, BusError
 from shockrig.rig.seams import Parts
 
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")

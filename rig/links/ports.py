@@ -17,7 +17,7 @@ import socket
 import struct
 from typing import TYPE_CHECKING, Protocol
 
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 
 if TYPE_CHECKING:
     import serial

@@ -9,7 +9,7 @@ from typing import Any
 from shockrig.files.campaign_names import CAMPAIGN_FORMAT
 from shockrig.files.disk import shown
 from shockrig.files.json_files import read_json
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 
 RESTORE = "restore it, or give another --out"
 

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from shockrig.files.disk import shown
-from shockrig.rig.errors import BenchError
-from shockrig.rig.logs.channels import SensorLog, read_sensors
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.logs.found import LogStep, steps_of
 from shockrig.rig.logs.guess import Guess, guess_log, likely_reference
 from shockrig.rig.logs.map_file import parse_map
 from shockrig.rig.logs.mapping import FORMAT, LogMap
 from shockrig.rig.logs.onset import StepOnset
+from shockrig.rig.logs.sensor_logs import SensorLog, read_sensors
 from shockrig.rig.logs.stamps import ISO, NUMBERS, to_map
 from shockrig.rig.logs.text import Layout, Scan, scan
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from shockrig.files.disk import shown
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.logs.changes import ChangePoint, LogPiece
-from shockrig.rig.logs.channels import SensorLog
 from shockrig.rig.logs.mapping import LogMap, StepMap
 from shockrig.rig.logs.onset import StepOnset, fit_onset
+from shockrig.rig.logs.sensor_logs import SensorLog
 from shockrig.rig.logs.stamps import to_map, to_seconds
 from shockrig.rig.logs.steps import StepInLog, find_steps, judged
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.files.disk import decoded, demand_text_name, read_bytes, shown
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 
 Index = NDArray[np.uint32]  # no file of more than 2^30 bytes is read
 

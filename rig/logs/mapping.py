@@ -16,7 +16,7 @@ from typing import Any
 
 from shockrig.rig.logs.log import Column
 from shockrig.rig.logs.text import Layout
-from shockrig.rig.logs.units import UNITS
+from shockrig.rig.logs.unit_names import UNITS
 
 FORMAT = "shock-map/1"
 COLUMNS = {

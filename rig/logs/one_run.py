@@ -23,10 +23,10 @@ from shockrig.files.disk import is_there, read_bytes, real_path, shown, write_wh
 from shockrig.files.errors import InputError
 from shockrig.files.json_files import read_json
 from shockrig.files.spelling import did_you_mean
-from shockrig.rig.errors import BenchError, as_bench_errors
-from shockrig.rig.logs.channels import read_sensors
+from shockrig.rig.bench_errors import BenchError, as_bench_errors
 from shockrig.rig.logs.guess import Guess, guess_log
 from shockrig.rig.logs.mapping import LogMap, SensorMap
+from shockrig.rig.logs.sensor_logs import read_sensors
 from shockrig.rig.logs.stamps import ISO, TimeColumns, to_seconds
 from shockrig.rig.logs.text import Layout, Scan, scan
 

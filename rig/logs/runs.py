@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from shockrig.files.campaign_write import run_document, table_text
 from shockrig.files.json_files import known
-from shockrig.rig.logs.channels import SensorLog
 from shockrig.rig.logs.found import LogStep
 from shockrig.rig.logs.mapping import LogMap, SensorMap
+from shockrig.rig.logs.sensor_logs import SensorLog
 from shockrig.rig.logs.stamps import to_map
 from shockrig.rig.logs.steps import READINGS_AFTER, READINGS_BEFORE
 from shockrig.rig.logs.windows import drifts, inside_run, on_the_way, settled_since, window

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.rig.logs.channels import SensorLog
 from shockrig.rig.logs.found import LogStep
 from shockrig.rig.logs.mapping import LogMap
+from shockrig.rig.logs.sensor_logs import SensorLog
 
 LEAD_READINGS, LEAD_T63 = 100, 2.0  # what a run has before its step, where the log has it
 LEAD_T63_MEASURED = 6.0  # beside a measured air: the sensor has forgotten what was before that

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from shockrig.files.campaign_write import run_document, table_text, write_run
-from shockrig.rig.recorder.judging import mean_of
-from shockrig.rig.recorder.run import COMPLETE, RunRecord, columns_of, sample_time_s
+from shockrig.rig.recorder.run_journal import COMPLETE, RunRecord, columns_of, sample_time_s
+from shockrig.rig.recorder.run_quality import mean_of
 from shockrig.rig.seams import Air, Outcome
 
 

@@ -9,8 +9,8 @@ from typing import Any
 from shockrig.files.campaign_names import CAMPAIGN_FORMAT
 from shockrig.files.disk import is_there, shown
 from shockrig.files.json_files import read_json
-from shockrig.rig.errors import BenchError, as_bench_errors
-from shockrig.rig.recorder.run import INTERRUPTED
+from shockrig.rig.bench_errors import BenchError, as_bench_errors
+from shockrig.rig.recorder.run_journal import INTERRUPTED
 
 REMEDY = "fix or restore the file"
 

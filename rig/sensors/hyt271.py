@@ -12,8 +12,8 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.buses.mux import ADDRESSES, CHANNELS, MuxedBus
-from shockrig.rig.errors import BenchError
 from shockrig.rig.seams import Clock, I2cBus, Outcome, Parts, Reading
 
 FULL_SCALE = 16383

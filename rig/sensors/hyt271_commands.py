@@ -9,7 +9,7 @@ from __future__ import annotations
 import errno
 from dataclasses import dataclass
 
-from shockrig.rig.errors import BenchError, BusError
+from shockrig.rig.bench_errors import BenchError, BusError
 from shockrig.rig.seams import Clock, I2cBus
 
 SUCCESS = 0x81

@@ -15,7 +15,7 @@ import string
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 
 NUMBER = re.compile(rb"[+-]?\d+(?:\.\d*)?")
 _ANALOG = re.compile(rb"(?:[ \t]*[+-]?\d+(?:\.\d*)?[ \t]*,){8}[ \t]*")

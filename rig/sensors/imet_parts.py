@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Generic, Self, TypeVar
 
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.seams import Parts, Reading
 from shockrig.rig.sensors.imet import Imet
 from shockrig.rig.sensors.imet_lines import SECOND_BEAD

@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from shockrig.rig.errors import BenchError, StageError
+from shockrig.rig.bench_errors import BenchError, StageError
 from shockrig.rig.seams import Air, Chambers, Clock, Move, Parts, SerialPort
 
 HOLD, RESET, STATUS = b"!", b"\x18", b"?"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.seams import Air, Chambers, Clock, Move, Operator, Parts, SetPointsOnly
 
 LOOK_S = 0.005

@@ -18,13 +18,13 @@ import numpy as np
 
 from shockrig.files.campaign_write import campaign_document, run_document, table_text, write_campaign, write_run
 from shockrig.files.common_uncertainty import NOTHING_COMMON
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.virtual.effects import RH, T
-from shockrig.rig.virtual.logger import Logger, seen_at_s
-from shockrig.rig.virtual.physics.air import Exposure, air_after
+from shockrig.rig.virtual.logger_link import Logger, seen_at_s
+from shockrig.rig.virtual.physics.converters import humidity_reading, temperature_reading
+from shockrig.rig.virtual.physics.exposure import Exposure, air_after
 from shockrig.rig.virtual.physics.moist import concentration_ppmv
 from shockrig.rig.virtual.physics.probes import Bodies, Probes
-from shockrig.rig.virtual.physics.readout import humidity_reading, temperature_reading
 from shockrig.rig.virtual.plans import Shock
 from shockrig.rig.virtual.truth import Truth
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from shockrig.files.disk import read_text, real_path
 from shockrig.files.json_files import write_json
-from shockrig.rig.errors import BenchError, as_bench_errors
+from shockrig.rig.bench_errors import BenchError, as_bench_errors
 from shockrig.rig.virtual.effects import CATALOGUED, KINDS, OUTSIDE, T
 from shockrig.rig.virtual.realistic import draw_real, drawable
 from shockrig.rig.virtual.truth import HUMIDITY_STEP_PERCENT, Hidden, Truth

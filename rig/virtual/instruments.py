@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Protocol
 
 from shockrig.files.campaign_names import FIRST_PROBE, sensor_and_probe
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.seams import Air, Clock, SetPointsOnly, known
 from shockrig.rig.virtual.chips.grbl import GrblController
 from shockrig.rig.virtual.chips.hyt271 import Hyt271Chip

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.protocol import Protocol, Record, Transfer, load_protocol
 from shockrig.rig.seams import Air, known
 from shockrig.rig.virtual.physics.moist import saturation_pressure_hpa

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.virtual.effects import KINDS, RH, T
 
 

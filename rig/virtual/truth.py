@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from shockrig.files.campaign_names import FIRST_PROBE
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.virtual.effects import AIR, KINDS
 
 SMOOTH, ROUGH, REALISTIC = "smooth", "rough", "realistic"

@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.seams import Air, Clock, known
 from shockrig.rig.virtual.effects import RH, T
-from shockrig.rig.virtual.logger import Logger, seen_at_s
-from shockrig.rig.virtual.physics.air import Exposure
+from shockrig.rig.virtual.logger_link import Logger, seen_at_s
+from shockrig.rig.virtual.physics.converters import humidity_reading, temperature_reading
 from shockrig.rig.virtual.physics.course import ModalCourse, follow
+from shockrig.rig.virtual.physics.exposure import Exposure
 from shockrig.rig.virtual.physics.moist import concentration_ppmv, humidity_percent
-from shockrig.rig.virtual.physics.readout import humidity_reading, temperature_reading
 from shockrig.rig.virtual.truth import Truth
 
 ROOM = Air(20.0, 50.0)  # where the probes lie until chambers are first asked for an air

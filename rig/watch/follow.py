@@ -16,9 +16,9 @@ from typing import Any
 from shockrig.files.disk import open_regular
 from shockrig.files.errors import InputError
 from shockrig.files.json_files import read_json
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.journal import decode_line
-from shockrig.rig.recorder.run import JOURNAL, SPOILT
+from shockrig.rig.recorder.run_journal import JOURNAL, SPOILT
 from shockrig.rig.watch.run_so_far import RunSoFar, health, traces
 from shockrig.rig.watch.status_file import FILE as STATUS_FILE
 from shockrig.rig.watch.view import Health, PromptView, RunView, StepView, WatchView, air_words, as_list, clean, finite

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from shockrig.rig.recorder.run import columns_of
+from shockrig.rig.recorder.run_journal import columns_of
 from shockrig.rig.watch.view import Health, ViewTrace, as_list, clean, finite
 
 HEALTH_OVER_S = 10.0

@@ -22,7 +22,7 @@ from shockrig.rig.observer import Observer
 from shockrig.rig.operator import KEYS, Prompt
 from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Step, Transfer
 from shockrig.rig.recorder import RunRecord
-from shockrig.rig.recorder.run import COMPLETE
+from shockrig.rig.recorder.run_journal import COMPLETE
 from shockrig.rig.runner import cause
 from shockrig.rig.seams import Reading
 

@@ -16,9 +16,9 @@ from shockrig.analysis.characterize import part_fit
 from shockrig.analysis.characterize.characterize import characterize
 from shockrig.analysis.characterize.part_fit import extension_of, read_extension
 from shockrig.analysis.estimate.channel import LeftOut
+from shockrig.analysis.estimate.fit_starts import RATE_BOUNDS_PER_S, Optimum
 from shockrig.analysis.estimate.gather import why_none
 from shockrig.analysis.estimate.model import Held
-from shockrig.analysis.estimate.scan import RATE_BOUNDS_PER_S, Optimum
 from shockrig.analysis.physics.modes import response_times, sphere_core, sphere_core_biot
 from shockrig.files.campaign import read_campaign
 from shockrig.files.errors import InputError

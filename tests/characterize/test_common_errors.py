@@ -23,8 +23,8 @@ from shockrig.analysis.estimate.problem import make_problem
 from shockrig.files.campaign import read_campaign
 from shockrig.files.common_uncertainty import INPUTS, NOTHING_COMMON, ORDINARY_LABORATORY, CommonUncertainty
 from shockrig.files.errors import InputError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.bench_file import check_bench
-from shockrig.rig.errors import BenchError
 from shockrig.rig.virtual.hide import draw_effect
 
 SCHEMA = json.loads((Path(__file__).parents[2] / "data/schemas/shock-campaign-1.json").read_text())

@@ -24,7 +24,7 @@ from shockrig.analysis.effects.described import described, discovered_of, entry_
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.flight.correct import correct
-from shockrig.analysis.flight.readout import unseen
+from shockrig.analysis.flight.undo_readout import unseen
 from shockrig.analysis.report.diagnosis_words import sentence
 from shockrig.files.flight import Flight
 from shockrig.files.profile import Profile, TemperatureProfile, Uncertain, profile_document, profile_from_document

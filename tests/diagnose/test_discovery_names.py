@@ -25,8 +25,8 @@ from shockrig.analysis.estimate.effect import SingleReadings
 from shockrig.analysis.estimate.fit import fit
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import Held, Model, Point, Structure
-from shockrig.analysis.estimate.readings import mostly_repeats
-from shockrig.analysis.flight.readout import not_undone
+from shockrig.analysis.estimate.without_model import mostly_repeats
+from shockrig.analysis.flight.undo_readout import not_undone
 from shockrig.analysis.report.diagnosis_words import behaves, flies, sentence
 from shockrig.rig.seams import Air
 from shockrig.rig.virtual.plans import Shock, standard_plan, wide_plan

@@ -9,10 +9,10 @@ from shockrig.analysis.diagnose.refitting import plain_fit, refit
 from shockrig.analysis.diagnose.search import Race
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.fit import fit
+from shockrig.analysis.estimate.fit_starts import unstuck
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import PLAIN
 from shockrig.analysis.estimate.quantity import RunEffect
-from shockrig.analysis.estimate.scan import unstuck
 from shockrig.files.campaign import Campaign, Run, RunAir, Trace
 from shockrig.rig.virtual.plans import wide_plan
 from shockrig.rig.virtual.truth import Hidden, TrueNoise

@@ -7,7 +7,7 @@ import pytest
 
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.gather import build_channel
-from shockrig.analysis.physics.exchange import dew_margin_k
+from shockrig.analysis.physics.air_exchange import dew_margin_k
 from shockrig.files.campaign import read_campaign
 
 

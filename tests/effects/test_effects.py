@@ -27,7 +27,7 @@ from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.estimate.noise import COARSE_IN_NOISE, estimate_noise, whiteners
 from shockrig.analysis.estimate.problem import make_problem
 from shockrig.analysis.estimate.quantity import QUANTITIES, RunEffect
-from shockrig.analysis.estimate.readings import rounding_step
+from shockrig.analysis.estimate.without_model import rounding_step
 from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.physics.chain import MeasuredAir
 from shockrig.files.campaign import read_campaign

@@ -8,7 +8,7 @@ import pytest
 from shockrig.analysis.diagnose.diagnose import diagnose
 from shockrig.analysis.diagnose.gain import folds
 from shockrig.analysis.estimate.gather import build_channel
-from shockrig.analysis.estimate.readings import runs_elsewhere
+from shockrig.analysis.estimate.without_model import runs_elsewhere
 from shockrig.files.campaign import read_campaign
 
 NOISE_K = 0.02

@@ -4,8 +4,8 @@ import pytest
 from fake_bench import STEPS, FakeReference, fake_bench, plan, run, run_json
 
 from shockrig.protocols.cli import main
+from shockrig.rig.bench_errors import CampaignPaused
 from shockrig.rig.chambers.devices import DeviceChambers
-from shockrig.rig.errors import CampaignPaused
 from shockrig.rig.observer import SilentObserver
 from shockrig.rig.protocol import Faults, Record
 from shockrig.rig.recorder import read_state

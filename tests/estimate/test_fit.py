@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from shockrig.analysis.estimate.fit import fit, model_at_samples, rmse_over_samples
+from shockrig.analysis.estimate.fit_starts import Misfit, descend, evolve, half_way
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import PLAIN, Model, Point
 from shockrig.analysis.estimate.noise import estimate_noise, whiteners
 from shockrig.analysis.estimate.problem import Problem, make_problem
-from shockrig.analysis.estimate.scan import Misfit, descend, evolve, half_way
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.plans import standard_plan

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shockrig.analysis.estimate.noise import Noise, noise_before_rounding, rounded_autocovariance, rounding_covariance
-from shockrig.analysis.estimate.readings import rounding_step
+from shockrig.analysis.estimate.without_model import rounding_step
 
 STEP = 0.5
 

@@ -15,8 +15,8 @@ from shockrig.files.profile import profile_from_document
 from shockrig.files.ranges import MATERIALS, RANGES
 from shockrig.protocols.cli import main
 from shockrig.protocols.flight_world import read_flown_air
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.bench_file import load_bench
-from shockrig.rig.errors import BenchError
 from shockrig.rig.protocol import parse_protocol
 
 ROOT = Path(__file__).parents[2]
@@ -258,7 +258,7 @@ def limits_written_out(file):
 
 
 # Not what a quantity can be: what one instrument can say, a scale and an offset, what is drawn at random.
-OTHER = ("rig/sensors/", "rig/scan.py", "rig/virtual/", "rig/logs/units.py")
+OTHER = ("rig/sensors/", "rig/scan.py", "rig/virtual/", "rig/logs/unit_names.py")
 
 
 def test_no_other_table_of_ranges_is_written_out():

@@ -10,7 +10,7 @@ from shockrig.files.campaign import read_campaign
 from shockrig.files.errors import InputError
 from shockrig.files.exports import write_netcdf, write_parquet
 from shockrig.protocols.cli import main
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.toml_text import read_toml
 
 ROWS = "".join(f"{k},{20 + k % 3},{40 + k % 5}\n" for k in range(50))

@@ -21,8 +21,8 @@ from shockrig.analysis.characterize.part_fit import read_extension
 from shockrig.analysis.diagnose.remainder import Tolerance
 from shockrig.analysis.estimate.problem import OwnRates, restricted
 from shockrig.analysis.fleet.fleet import common_share, fleet_of, members_of
+from shockrig.analysis.fleet.fleet_prior import with_population
 from shockrig.analysis.fleet.population import benjamini_hochberg, level, reduce_members
-from shockrig.analysis.fleet.prior import with_population
 from shockrig.analysis.fleet.scatter import TRIALS, scatter_of_benches
 from shockrig.analysis.fleet.statistics import statistics_of
 from shockrig.analysis.fleet.whose import DiagnosedProbe, causes_of, judged_causes
@@ -30,7 +30,7 @@ from shockrig.analysis.report.fleet_page import cause_sentence, write_fleet_page
 from shockrig.files import diagnosis
 from shockrig.files.causes import StatedEffect, Uncertain
 from shockrig.files.errors import InputError
-from shockrig.files.fleet import BENCH, SENSOR, TYPE, RunScatter, design, fleet_document, read_fleet
+from shockrig.files.fleet_file import BENCH, SENSOR, TYPE, RunScatter, design, fleet_document, read_fleet
 from shockrig.files.profile import read_profile, write_profile
 from shockrig.protocols import fleet_map
 from shockrig.protocols.cli import main

@@ -9,18 +9,18 @@ import pytest
 from scipy.special import ndtr
 
 from shockrig.analysis.flight import causal_bank
+from shockrig.analysis.flight.air_prior import OU_VARIANCES, RATES_PER_S, UNSEEN_VARIANCE, Prior
 from shockrig.analysis.flight.causal_bank import FILTER_COUNT, UNSURE_OF_STRENGTH, Bank, half_width
 from shockrig.analysis.flight.causal_design import HUMIDITY_LADDER, TEMPERATURE_LADDER, Ladder, design_of
 from shockrig.analysis.flight.causal_guard import Guard
 from shockrig.analysis.flight.correct import correct
-from shockrig.analysis.flight.prior import OU_VARIANCES, RATES_PER_S, UNSEEN_VARIANCE, Prior
 from shockrig.analysis.flight.response import LagResponse, bead_response, film_response, hold
 from shockrig.analysis.flight.simulated.scenes import to_flight
 from shockrig.analysis.flight.simulated.sensor import fly
 from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.flight.simulated.weather import inversion
 from shockrig.analysis.flight.smoother import smooth
-from shockrig.analysis.physics.exchange import Stream
+from shockrig.analysis.physics.air_exchange import Stream
 from shockrig.files.flight import Flight
 from shockrig.files.profile import StatedEffect, Uncertain
 from shockrig.protocols.cli import main

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from shockrig.analysis.flight.air_prior import gain_squared
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.inverse import RefusedError, paper_layers, response_time_s, sampled, transfer_function
-from shockrig.analysis.flight.prior import gain_squared
 from shockrig.analysis.flight.response import (
     LagResponse,
     bead_response,
@@ -23,8 +23,8 @@ from shockrig.analysis.flight.simulated.sensor import SHAPES, cells, fly, march
 from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.flight.simulated.weather import FINE_STEP_S, frontal, inversion
 from shockrig.analysis.flight.sweep import lags_behind
+from shockrig.analysis.physics.air_exchange import Stream
 from shockrig.analysis.physics.bodies import BODIES
-from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.modes import first_order, in_series, mix, response_times
 from shockrig.files.diagnosis_data import Dependence, Discovered, EffectSize
 from shockrig.files.profile import DiffusivityRow, Profile, StatedEffect, Uncertain

@@ -8,7 +8,12 @@ import pytest
 
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.flight.correct import correct
-from shockrig.analysis.flight.readout import (
+from shockrig.analysis.flight.response import bead_response
+from shockrig.analysis.flight.simulated.scenes import to_flight
+from shockrig.analysis.flight.simulated.sensor import FLOWN_EFFECTS, fly, flyable
+from shockrig.analysis.flight.simulated.typical import typical_profile
+from shockrig.analysis.flight.simulated.weather import frontal
+from shockrig.analysis.flight.undo_readout import (
     acting,
     ceiling,
     noise_floor,
@@ -18,13 +23,8 @@ from shockrig.analysis.flight.readout import (
     propagated,
     undone,
 )
-from shockrig.analysis.flight.response import bead_response
-from shockrig.analysis.flight.simulated.scenes import to_flight
-from shockrig.analysis.flight.simulated.sensor import FLOWN_EFFECTS, fly, flyable
-from shockrig.analysis.flight.simulated.typical import typical_profile
-from shockrig.analysis.flight.simulated.weather import frontal
+from shockrig.analysis.physics.air_exchange import Stream
 from shockrig.analysis.physics.bodies import BODIES
-from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.report.crossing import cross_inversion
 from shockrig.files.errors import InputError
 from shockrig.files.profile import Profile, StatedEffect, Uncertain

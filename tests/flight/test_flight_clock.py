@@ -12,7 +12,7 @@ from shockrig.analysis.flight.simulated.sensor import fly
 from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.flight.simulated.weather import inversion
 from shockrig.analysis.flight.sweep import lags_behind
-from shockrig.analysis.physics.exchange import Stream
+from shockrig.analysis.physics.air_exchange import Stream
 
 PROFILE = typical_profile()
 

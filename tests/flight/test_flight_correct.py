@@ -6,10 +6,10 @@ import time
 import numpy as np
 import pytest
 
+from shockrig.analysis.flight.air_prior import AIR, OU_VARIANCES, Passing, Prior, innovation, spectra, transition
 from shockrig.analysis.flight.correct import METHODS, correct
 from shockrig.analysis.flight.inverse import RefusedError, low_pass, paper_layers, sampled, suggest_cutoff_hz
 from shockrig.analysis.flight.judging import power_spectrum, slope, structure_function
-from shockrig.analysis.flight.prior import AIR, OU_VARIANCES, Passing, Prior, innovation, spectra, transition
 from shockrig.analysis.flight.response import LagResponse, bead_response, film_response, hold
 from shockrig.analysis.flight.screen import clock, screen
 from shockrig.analysis.flight.simulated.scenes import scores, to_flight, try_scene
@@ -17,7 +17,7 @@ from shockrig.analysis.flight.simulated.sensor import fly
 from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.flight.simulated.weather import SCENES, convective, frontal, inversion
 from shockrig.analysis.flight.smoother import smooth
-from shockrig.analysis.physics.exchange import Stream
+from shockrig.analysis.physics.air_exchange import Stream
 from shockrig.analysis.physics.schemes.state_space import is_minimum_phase, zeros
 from shockrig.files.errors import InputError
 from shockrig.files.profile import DiffusivityRow, Profile, StatedEffect, Uncertain

@@ -7,7 +7,7 @@ import pytest
 from benchmark_scripts import benchmark
 from scipy.signal import lfilter
 
-from shockrig.analysis.flight.channel import FlightChannel
+from shockrig.analysis.flight.air_prior import OU_VARIANCES, RATES_PER_S, Prior, fit_prior, fit_windows, seen, spectra
 from shockrig.analysis.flight.comparisons import (
     PARTED,
     Difference,
@@ -19,7 +19,7 @@ from shockrig.analysis.flight.comparisons import (
     ways_apart,
 )
 from shockrig.analysis.flight.correct import correct
-from shockrig.analysis.flight.prior import OU_VARIANCES, RATES_PER_S, Prior, fit_prior, fit_windows, seen, spectra
+from shockrig.analysis.flight.flight_channel import FlightChannel
 from shockrig.analysis.flight.response import LagResponse, bead_response
 from shockrig.analysis.flight.screen import Screened
 from shockrig.analysis.flight.simulated.scenes import to_flight
@@ -29,7 +29,7 @@ from shockrig.analysis.flight.simulated.weather import Weather, convective
 from shockrig.analysis.flight.smooth_channel import estimate
 from shockrig.analysis.flight.smoother import Jumps, smooth
 from shockrig.analysis.flight.sweep import Sweep, propagated, within, within_a_step
-from shockrig.analysis.physics.exchange import Stream
+from shockrig.analysis.physics.air_exchange import Stream
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.flight import Flight
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from benchmark_scripts import benchmark
 
-from shockrig.analysis.flight.channel import reach
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.doubts import profile_doubts
+from shockrig.analysis.flight.flight_channel import reach
 from shockrig.analysis.flight.screen import EXCHANGED, resolution_of, screen, without_codes
 from shockrig.analysis.flight.simulated.scenes import to_flight
 from shockrig.analysis.flight.simulated.sensor import fly
@@ -463,9 +463,9 @@ def test_a_lone_reading_that_no_air_makes_a_film_show_is_noise():
 
 
 def test_the_air_lies_within_the_reach_of_the_readings():
-    from shockrig.analysis.flight.channel import FlightReadings
+    from shockrig.analysis.flight.flight_channel import FlightReadings
     from shockrig.analysis.flight.response import bead_response
-    from shockrig.analysis.physics.exchange import Stream
+    from shockrig.analysis.physics.air_exchange import Stream
 
     count = len(FLOWN.log)
     response = bead_response(PROFILE.temperature, Stream(np.full(count, 10.0)))

@@ -11,8 +11,8 @@ from shockrig.analysis.flight.response import bead_response
 from shockrig.analysis.flight.simulated.scenes import to_flight
 from shockrig.analysis.flight.simulated.sensor import cells, fly, march, sheathed
 from shockrig.analysis.flight.simulated.weather import FINE_STEP_S, frontal, inversion
+from shockrig.analysis.physics.air_exchange import Stream
 from shockrig.analysis.physics.bodies import BODIES
-from shockrig.analysis.physics.exchange import Stream
 from shockrig.analysis.physics.modes import in_series
 from shockrig.files.profile import DiffusivityRow, Profile
 

@@ -8,8 +8,8 @@ import pytest
 from scipy.signal import lfilter
 
 from shockrig.analysis.flight import smoother
+from shockrig.analysis.flight.air_prior import Passing, Prior
 from shockrig.analysis.flight.correct import correct
-from shockrig.analysis.flight.prior import Passing, Prior
 from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.simulated.scenes import to_flight
 from shockrig.analysis.flight.simulated.sensor import fly

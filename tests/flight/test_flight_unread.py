@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from benchmark_scripts import benchmark
 
-from shockrig.analysis.flight.channel import FlightReadings
 from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.flight.flight_channel import FlightReadings
 from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.sweep import lags_behind
 from shockrig.analysis.flight.unread import far, goes_with

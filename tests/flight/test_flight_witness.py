@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from shockrig.analysis.flight.correct import correct
-from shockrig.analysis.flight.humidity import unseen
+from shockrig.analysis.flight.humidity_channel import unseen
 from shockrig.analysis.flight.response import film_response
 from shockrig.analysis.flight.screen import screen
 from shockrig.analysis.flight.simulated.scenes import to_flight
@@ -15,7 +15,7 @@ from shockrig.analysis.flight.simulated.sensor import fly
 from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.flight.simulated.weather import convective, frontal
 from shockrig.analysis.flight.smooth_channel import estimate
-from shockrig.analysis.physics.exchange import Stream
+from shockrig.analysis.physics.air_exchange import Stream
 from shockrig.files.ranges import RANGES
 
 PROFILE = typical_profile()

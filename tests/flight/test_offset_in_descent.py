@@ -10,7 +10,7 @@ import pytest
 from scipy.signal import lfilter
 
 from shockrig.analysis.flight.correct import correct
-from shockrig.analysis.flight.readout import vertical_speed
+from shockrig.analysis.flight.undo_readout import vertical_speed
 from shockrig.files.flight import Flight
 from shockrig.files.profile import (
     DiffusivityRow,

@@ -19,12 +19,12 @@ from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.learn import learn as race
 from shockrig.analysis.learn.bins import SUB_SAMPLES, binned, passes, side_by_side, why_nothing
 from shockrig.analysis.learn.density import SensorModel, begun, density, prepared, slopes
-from shockrig.analysis.learn.fit import Learned, fitted, known_of
+from shockrig.analysis.learn.flights_fit import Learned, fitted, known_of
 from shockrig.analysis.learn.laws import LAWS, response
 from shockrig.analysis.learn.learn import CLOCK, ChannelLearned, FlightCause, FlightsLearned, LearnedNumber, learn
+from shockrig.analysis.learn.learned_profile import learned_profile, stated_by
 from shockrig.analysis.learn.pair import beside, with_clock
 from shockrig.analysis.learn.passes import Disagreement, disagreement
-from shockrig.analysis.learn.profile import learned_profile, stated_by
 from shockrig.files.flight import Flight
 from shockrig.files.learned import read_learned
 from shockrig.files.profile import DiffusivityRow, HumidityProfile, Profile, read_profile

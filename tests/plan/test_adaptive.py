@@ -14,12 +14,12 @@ from shockrig.analysis.plan.decision import remembered
 from shockrig.analysis.plan.goals import parse_goals
 from shockrig.analysis.plan.shock import PlannedShock
 from shockrig.analysis.report.loop_page import chosen_section
-from shockrig.files.plan import read_decisions
+from shockrig.files.plan_file import read_decisions
 from shockrig.protocols.adaptive import Loop
 from shockrig.protocols.cli import main
 from shockrig.protocols.decided import as_protocol
 from shockrig.rig.bench import virtual_bench
-from shockrig.rig.errors import BenchError, RunSkipped
+from shockrig.rig.bench_errors import BenchError, RunSkipped
 from shockrig.rig.observer import SilentObserver
 from shockrig.rig.protocol import Soak, load_protocol
 from shockrig.rig.recorder import read_state

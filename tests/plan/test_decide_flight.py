@@ -16,7 +16,7 @@ from shockrig.analysis.plan.decide_flight import (
     planned_bins,
     ranked,
 )
-from shockrig.analysis.plan.mission import minutes
+from shockrig.analysis.plan.flight_plan import minutes
 from shockrig.files.errors import InputError
 from shockrig.files.learned import read_learned
 from shockrig.protocols.cli import main

@@ -11,7 +11,7 @@ from shockrig.analysis.plan import judged
 from shockrig.analysis.plan.goals import parse_goals
 from shockrig.files.campaign import read_campaign
 from shockrig.files.fingerprint import fingerprint
-from shockrig.files.plan import read_decisions
+from shockrig.files.plan_file import read_decisions
 from shockrig.protocols.adaptive import Loop
 from shockrig.protocols.cli import main
 from shockrig.rig.bench import virtual_bench

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from pymavlink import mavutil, mavwp
 
-from shockrig.analysis.plan.mission import (
+from shockrig.analysis.plan.flight_plan import (
     Climb,
     Descend,
     FlightPlan,

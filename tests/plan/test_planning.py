@@ -44,7 +44,7 @@ from shockrig.analysis.plan.varied import variety
 from shockrig.analysis.report.loop_page import chosen_section
 from shockrig.files.campaign import Run, RunAir
 from shockrig.files.errors import InputError
-from shockrig.files.plan import append_decision, read_decisions, where_it_stands
+from shockrig.files.plan_file import append_decision, read_decisions, where_it_stands
 from shockrig.rig.virtual.hide import draw_effect
 from shockrig.rig.virtual.truth import ROUGH, Hidden, TrueNoise, draw_truth
 

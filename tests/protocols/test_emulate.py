@@ -20,7 +20,7 @@ from shockrig.analysis.physics.modes import response_times, sphere_core
 from shockrig.files.errors import InputError
 from shockrig.protocols.flight_world import flight_world, read_flown_air
 from shockrig.rig.virtual.emulate.i2c_socket import answer
-from shockrig.rig.virtual.emulate.session import FastClock, Session
+from shockrig.rig.virtual.emulate.live_session import FastClock, Session
 
 pytestmark = pytest.mark.elsewhere
 
@@ -211,8 +211,8 @@ def test_what_is_refused_leaves_no_folder(capsys, monkeypatch, tmp_path, argumen
 def test_several_of_a_kind_are_further_probes_side_by_side(tmp_path):
     """Two XFs, each with two beads and two films: eight courses of their own through one transfer."""
     from shockrig.rig.seams import Air
+    from shockrig.rig.virtual.emulate.live_session import Options, instruments_of, probes_of
     from shockrig.rig.virtual.emulate.rest import RestingBench
-    from shockrig.rig.virtual.emulate.session import Options, instruments_of, probes_of
 
     options = Options(humidity=True, second=True)
     kinds = ["imet-xf", "grbl", "imet-xf"]

@@ -20,7 +20,7 @@ from processes import ended, heard, wait_for
 from test_watch import Terminal
 
 from shockrig.files.profile import read_profile
-from shockrig.rig.check import REMEDIES
+from shockrig.rig.bench_findings import REMEDIES
 from shockrig.rig.recorder import read_state
 from shockrig.rig.seams import Outcome
 from shockrig.rig.virtual.truth import draw_truth

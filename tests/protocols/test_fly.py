@@ -31,7 +31,7 @@ from shockrig.protocols.fly_page import FlightFollower, serve_beside
 from shockrig.rig.clock import VirtualClock
 from shockrig.rig.flying import PeriodFinder, RowMaker, SensorHub
 from shockrig.rig.links.said import SaidAir
-from shockrig.rig.recorder.run import read_run
+from shockrig.rig.recorder.run_journal import read_run
 from shockrig.rig.seams import Outcome, Reading
 
 NAN = math.nan

@@ -23,8 +23,8 @@ from processes import PATIENCE_S, ended, wait_for
 from shockrig.files.campaign import read_campaign
 from shockrig.protocols.cli import main
 from shockrig.protocols.watch.terminal import render
+from shockrig.rig.bench_errors import CampaignAborted, CampaignPaused, RunRepeated, RunSkipped
 from shockrig.rig.clock import VirtualClock
-from shockrig.rig.errors import CampaignAborted, CampaignPaused, RunRepeated, RunSkipped
 from shockrig.rig.journal import read_journal
 from shockrig.rig.operator import KEYS, ConsoleOperator
 from shockrig.rig.recorder import read_state

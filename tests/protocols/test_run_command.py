@@ -15,7 +15,7 @@ import pytest
 from processes import ended, in_background, wait_for
 
 from shockrig.protocols.cli import COMMANDS, main
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.virtual.hide import open_seal
 
 TINY = """

@@ -26,7 +26,7 @@ from processes import ended, heard, wait_for
 from shockrig.protocols.cli import main
 from shockrig.protocols.watch.terminal import plot, render
 from shockrig.protocols.watch.web import WatchServer
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.journal import JournalWriter
 from shockrig.rig.observer import SilentObserver
 from shockrig.rig.watch.follow import Follower

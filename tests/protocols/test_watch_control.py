@@ -24,7 +24,7 @@ from test_watch import ROOT, live  # noqa: F401  a fixture
 from shockrig.files.campaign import read_campaign
 from shockrig.protocols.cli import main
 from shockrig.protocols.watch.web import WatchServer
-from shockrig.rig.errors import BenchError, CampaignPaused
+from shockrig.rig.bench_errors import BenchError, CampaignPaused
 from shockrig.rig.observer import SilentObserver
 from shockrig.rig.recorder import read_state
 from shockrig.rig.requests import FILE, Inbox, Request, leave_request

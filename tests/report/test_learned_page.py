@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from shockrig.analysis.learn.bins import SUB_SAMPLES, FlightBins, passes
-from shockrig.analysis.learn.fit import Learned, known_of
+from shockrig.analysis.learn.flights_fit import Learned, known_of
 from shockrig.analysis.learn.laws import LAWS
 from shockrig.analysis.learn.learn import ChannelLearned, FlightCause, FlightsLearned, LearnedNumber
 from shockrig.analysis.learn.passes import Disagreement

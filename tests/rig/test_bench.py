@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from shockrig.rig.bench import ConnectionFaults, default_bench, load_bench, open_bench, virtual_bench
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.bench_file import KINDS, check_bench
-from shockrig.rig.errors import BenchError
 from shockrig.rig.references import Hyt271Reference, Hyt271ReferenceSettings, OperatorEntry
 from shockrig.rig.seams import Air, Outcome, Reading
 from shockrig.rig.virtual.faults import Fault

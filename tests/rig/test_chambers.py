@@ -11,12 +11,12 @@ import pytest
 from shockrig.files.campaign import read_campaign
 from shockrig.protocols.cli import main
 from shockrig.rig.bench import open_bench
+from shockrig.rig.bench_errors import BenchError, BusError, ConnectionFaults
 from shockrig.rig.bench_file import load_bench
 from shockrig.rig.chambers.devices import DeviceChambers
 from shockrig.rig.chambers.modbus import ModbusDevice, ModbusSettings
 from shockrig.rig.chambers.scpi import ScpiDevice, ScpiSettings
 from shockrig.rig.clock import VirtualClock
-from shockrig.rig.errors import BenchError, BusError, ConnectionFaults
 from shockrig.rig.recorder import read_state
 from shockrig.rig.seams import Air
 from shockrig.rig.virtual.climate import Approach, ModbusServer, ScpiServer

@@ -12,7 +12,7 @@ from fake_bench import fake_bench, plan
 from shockrig.protocols.cli import main
 from shockrig.protocols.commands.check import ready
 from shockrig.rig.bench import default_bench, open_bench, virtual_bench
-from shockrig.rig.check import clock_finding, examine, tree
+from shockrig.rig.bench_findings import clock_finding, examine, tree
 from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Transfer, load_protocol
 from shockrig.rig.seams import Air
 from shockrig.rig.virtual.faults import Fault

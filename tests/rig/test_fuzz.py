@@ -34,8 +34,8 @@ def test_a_number_of_five_thousand_digits_is_refused_everywhere(tmp_path):
     """Python itself refuses to convert it, with an error of another kind."""
     from shockrig.files.campaign import read_campaign
     from shockrig.files.errors import InputError
+    from shockrig.rig.bench_errors import BenchError
     from shockrig.rig.bench_file import load_bench
-    from shockrig.rig.errors import BenchError
     from shockrig.rig.protocol import parse_protocol
     from shockrig.rig.recorder import read_state
 

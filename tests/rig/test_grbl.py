@@ -7,9 +7,9 @@ import re
 import pytest
 from emulated import Replay, memory_port
 
+from shockrig.rig.bench_errors import StageError
 from shockrig.rig.buses.serial_port import PyserialPort, pyserial_opener
 from shockrig.rig.clock import RealClock, VirtualClock
-from shockrig.rig.errors import StageError
 from shockrig.rig.seams import Air, Move
 from shockrig.rig.stages.grbl import GrblSettings, GrblStage, StatusReport, why_late
 from shockrig.rig.stages.manual import ManualSettings, ManualStage, PromptedChambers

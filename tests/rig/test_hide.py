@@ -8,7 +8,7 @@ import pytest
 from shockrig.files.errors import InputError
 from shockrig.protocols import cli
 from shockrig.protocols.reveal import score, table
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.virtual.effects import CATALOGUED, KINDS, OUTSIDE
 from shockrig.rig.virtual.hide import DRAWS, draw_effect, draw_hidden, open_seal, seal
 from shockrig.rig.virtual.truth import Hidden, draw_truth, with_effects

@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 from processes import ended, heard
 
 from shockrig.protocols.cli import main
+from shockrig.rig.bench_errors import BenchError, BusError
 from shockrig.rig.buses.i2c import LEASE_S, SmbusBus
 from shockrig.rig.buses.mux import MuxedBus
 from shockrig.rig.clock import RealClock, VirtualClock
-from shockrig.rig.errors import BenchError, BusError
 from shockrig.rig.seams import Outcome
 from shockrig.rig.sensors.hyt271 import Hyt271, Hyt271Settings, decode_frame
 from shockrig.rig.sensors.hyt271_commands import answering, change_address, read_address, wait_for_answer

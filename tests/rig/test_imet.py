@@ -11,9 +11,9 @@ from emulated import Replay, memory_port, ramp_percent, steady_c, watch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.buses.serial_port import PyserialPort, pyserial_opener
 from shockrig.rig.clock import RealClock, VirtualClock
-from shockrig.rig.errors import BenchError
 from shockrig.rig.seams import Outcome
 from shockrig.rig.sensors.imet import Imet, ImetSettings
 from shockrig.rig.sensors.imet_lines import LONGEST_LINE, XF, XQ, XQ2, LineAssembler, LineTable, UnknownLine

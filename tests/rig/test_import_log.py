@@ -25,12 +25,12 @@ from made_up_logs import (
 
 from shockrig.files.campaign import read_campaign
 from shockrig.protocols.cli import main
-from shockrig.rig.logs import clocks
+from shockrig.rig.logs import clock_columns
 from shockrig.rig.logs.first_map import look_at
 from shockrig.rig.logs.map_file import parse_map
 from shockrig.rig.logs.order import in_order
 from shockrig.rig.logs.text import Layout, scan
-from shockrig.rig.logs.units import quantity_of
+from shockrig.rig.logs.unit_names import quantity_of
 
 
 def run(*arguments):
@@ -464,7 +464,7 @@ def test_a_long_log_is_read_in_little_room(tmp_path):
 )
 def test_a_text_is_tried_in_formats_of_its_own_marks_only(monkeypatch, text, format_):
     """Of 912, each of which strptime compiles anew."""
-    asked, really = set(), clocks._moment
-    monkeypatch.setattr(clocks, "_moment", lambda text, format_: asked.add(format_) or really(text, format_))
-    assert clocks.guess_format([text] * 3)[0] == format_
+    asked, really = set(), clock_columns._moment
+    monkeypatch.setattr(clock_columns, "_moment", lambda text, format_: asked.add(format_) or really(text, format_))
+    assert clock_columns.guess_format([text] * 3)[0] == format_
     assert len(asked) < 60

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from shockrig.rig.bench import virtual_bench
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.clock import VirtualClock
-from shockrig.rig.errors import BenchError
 from shockrig.rig.seams import Air, Outcome
 from shockrig.rig.stages.grbl import GrblSettings
 from shockrig.rig.virtual.instruments import VirtualInstruments, WorldChambers

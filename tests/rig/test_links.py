@@ -10,7 +10,7 @@ import tty
 import numpy as np
 import pytest
 
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.links.dronecan import DronecanNode, HygrometerFrame, TemperatureFrame, decoded, this_machine
 from shockrig.rig.links.mavlink import AutopilotListener, MavlinkEnd, MavlinkSpeaker, vehicle_messages
 from shockrig.rig.links.ports import MulticastCan, SocketCan, UdpPort, open_bytes, open_frames

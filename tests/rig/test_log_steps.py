@@ -12,9 +12,9 @@ from shockrig.files.campaign import read_campaign
 from shockrig.protocols.cli import main
 from shockrig.rig.logs import steps
 from shockrig.rig.logs.changes import ChangePoint, LogPiece, noise_of, without_spikes
-from shockrig.rig.logs.channels import LEAST_SHARE
 from shockrig.rig.logs.first_map import look_at
 from shockrig.rig.logs.onset import fit_onset
+from shockrig.rig.logs.sensor_logs import LEAST_SHARE
 from shockrig.rig.logs.steps import find_steps
 
 REAL = Path(__file__).parents[2] / "data" / "real"

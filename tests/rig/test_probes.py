@@ -15,8 +15,8 @@ from shockrig.files.profile import read_profile
 from shockrig.protocols.cli import main
 from shockrig.protocols.reveal import score
 from shockrig.rig.bench import open_bench
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.bench_file import check_bench
-from shockrig.rig.errors import BenchError
 from shockrig.rig.protocol import Faults
 from shockrig.rig.recorder import judge
 from shockrig.rig.seams import Air, Move, Outcome, Reading

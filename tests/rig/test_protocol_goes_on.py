@@ -7,8 +7,8 @@ import pytest
 from fake_bench import STEPS, fake_bench, plan, run, run_json
 
 from shockrig.rig.bench import virtual_bench
+from shockrig.rig.bench_errors import BenchError, RunSkipped
 from shockrig.rig.clock import VirtualClock
-from shockrig.rig.errors import BenchError, RunSkipped
 from shockrig.rig.planning import check_plan
 from shockrig.rig.protocol import PlannedRun, Protocol, load_protocol, parse_protocol, shipped_protocols
 from shockrig.rig.protocol_text import protocol_text

@@ -16,10 +16,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from processes import ended, wait_for
 
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.journal import JournalWriter, read_journal
 from shockrig.rig.recorder import read_run, read_state
-from shockrig.rig.recorder.run import JOURNAL
+from shockrig.rig.recorder.run_journal import JOURNAL
 
 values = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text()
 records = st.lists(st.lists(values, min_size=1, max_size=5), min_size=1, max_size=8)

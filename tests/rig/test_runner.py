@@ -9,7 +9,7 @@ import pytest
 from fake_bench import STEPS, TAU_S, between, csv, fake_bench, plan, run, run_json
 
 import shockrig.rig.journal
-from shockrig.rig.errors import BenchError, BusError, CampaignPaused, StageError
+from shockrig.rig.bench_errors import BenchError, BusError, CampaignPaused, StageError
 from shockrig.rig.observer import SilentObserver
 from shockrig.rig.planning import check_plan
 from shockrig.rig.protocol import Faults, PlannedRun, Protocol, Record, Soak, Transfer

@@ -8,10 +8,10 @@ from emulated import Replay, Spy, memory_port, ramp_percent, steady_c
 
 import shockrig.rig.scan
 from shockrig.protocols.cli import main
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.bench_file import check_bench
 from shockrig.rig.buses.i2c import SmbusBus
 from shockrig.rig.clock import RealClock, VirtualClock
-from shockrig.rig.errors import BenchError
 from shockrig.rig.scan import FoundGrbl, FoundHyt, FoundImet, bench_toml, scan_i2c, scan_serial
 from shockrig.rig.sensors.hyt271_commands import FREE
 from shockrig.rig.virtual.chips.grbl import BANNER, GrblController

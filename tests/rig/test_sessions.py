@@ -7,8 +7,8 @@ from importlib import resources
 import pytest
 
 from shockrig.protocols.cli import main
-from shockrig.rig.errors import BenchError
-from shockrig.rig.recorder.session import changes
+from shockrig.rig.bench_errors import BenchError
+from shockrig.rig.recorder.session_record import changes
 
 VIRTUAL = (resources.files("shockrig.data") / "benches" / "virtual.toml").read_text()
 

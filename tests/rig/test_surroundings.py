@@ -15,8 +15,8 @@ from shockrig.analysis.plan.shock import PlannedShock, Surroundings
 from shockrig.files.campaign import read_campaign
 from shockrig.protocols.decided import as_protocol, feasible_on, surroundings_of
 from shockrig.rig.bench import default_bench, open_bench, virtual_bench
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.bench_file import check_bench
-from shockrig.rig.errors import BenchError
 from shockrig.rig.planning import check_plan
 from shockrig.rig.protocol import parse_protocol
 from shockrig.rig.protocol_text import protocol_text

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from shockrig.analysis.physics.exchange import Stream, ventilation
+from shockrig.analysis.physics.air_exchange import Stream, ventilation
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.analysis.physics.modes import Modes, film_mean, first_order, response_times, sphere_core, sphere_core_biot
 from shockrig.analysis.physics.schemes.state_space import (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.virtual.chips.bme280 import Bme280Chip
 from shockrig.rig.virtual.chips.hyt271 import Hyt271Chip
 from shockrig.rig.virtual.chips.sht import Sht3xChip, Sht4xChip

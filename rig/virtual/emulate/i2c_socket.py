@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import cast
 
 from shockrig.files.disk import beside
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.virtual.i2c_dev import I2C_M_RD, Wire
 
 SOURCE = Path(__file__).with_name("i2c_preload.c")

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from shockrig.files.disk import demand_place
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.seams import Air
 from shockrig.rig.virtual.chips.hyt271 import FULL_SCALE
 

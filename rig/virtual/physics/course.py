@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from scipy.linalg import eigh_tridiagonal
 
-from shockrig.rig.virtual.physics.air import Exposure, air_after, shortest_change_s
 from shockrig.rig.virtual.physics.chains import FIRST_STEP_S, CellChain, Stepper
+from shockrig.rig.virtual.physics.exposure import Exposure, air_after, shortest_change_s
 from shockrig.rig.virtual.physics.moist import concentration_ppmv
 from shockrig.rig.virtual.physics.probes import CORE_WEIGHTS, SORPTION_HEAT_S, Bodies, Probes
 from shockrig.rig.virtual.truth import Truth

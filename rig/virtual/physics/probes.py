@@ -14,7 +14,7 @@ from typing import Any, Generic
 import numpy as np
 
 from shockrig.rig.virtual.physics import chains
-from shockrig.rig.virtual.physics.air import Exposure, N, air_after, shortest_change_s
+from shockrig.rig.virtual.physics.exposure import Exposure, N, air_after, shortest_change_s
 from shockrig.rig.virtual.physics.moist import concentration_ppmv, dew_point_c, heat_carried_off, warm_air
 from shockrig.rig.virtual.truth import Truth
 

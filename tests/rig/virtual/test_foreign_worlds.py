@@ -24,7 +24,7 @@ from foreign_lab import (
 from scipy.special import jn_zeros, jv
 
 from shockrig.files.campaign import read_campaign
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 
 OF_A_STEP = 1e-4
 QUIET = LabLogger(period_s=0.1, rounding=0.0, white=0.0)

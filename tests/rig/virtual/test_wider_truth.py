@@ -10,9 +10,9 @@ from small_worlds import QUIET, record
 
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.gather import build_channel
-from shockrig.analysis.physics.exchange import Stream, temperature_ratio, vapour_ratio, ventilation_ratio
+from shockrig.analysis.physics.air_exchange import Stream, temperature_ratio, vapour_ratio, ventilation_ratio
 from shockrig.files.campaign import read_campaign
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.seams import Air
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.effects import KINDS

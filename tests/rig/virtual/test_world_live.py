@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from small_worlds import QUIET
 
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.clock import VirtualClock
-from shockrig.rig.errors import BenchError
 from shockrig.rig.seams import Air
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.effects import KINDS

@@ -11,7 +11,7 @@ import pytest
 from scipy.optimize import brentq
 
 from shockrig.rig.virtual.physics import chains, course, moist
-from shockrig.rig.virtual.physics.air import Exposure
+from shockrig.rig.virtual.physics.exposure import Exposure
 from shockrig.rig.virtual.truth import Hidden, Truth
 
 RUNS = np.array([0.05, 0.2, 0.9])  # rates alpha / R^2 or D / L^2, 1/s: slow film to fast bead

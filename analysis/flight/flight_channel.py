@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 
-from shockrig.analysis.flight.prior import Passing
-from shockrig.analysis.flight.readout import Carried, Undone
+from shockrig.analysis.flight.air_prior import Passing
 from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.screen import Screened
 from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
 from shockrig.analysis.flight.stretches import largest_share
 from shockrig.analysis.flight.sweep import COARSE_IN_NOISE, lags_behind
+from shockrig.analysis.flight.undo_readout import Carried, Undone
 from shockrig.files.numbers import counted
 from shockrig.files.profile import HumidityProfile, TemperatureProfile
 from shockrig.files.ranges import Range

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from shockrig.rig.virtual.effects import RH, T
-from shockrig.rig.virtual.physics.air import Exposure
+from shockrig.rig.virtual.physics.exposure import Exposure
 from shockrig.rig.virtual.physics.moist import ZERO_C_K, Numbers, dew_point_c, heat_carried_off, humidity_percent
 from shockrig.rig.virtual.physics.probes import SORPTION_HEAT_S, Bodies
 from shockrig.rig.virtual.truth import Truth

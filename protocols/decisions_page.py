@@ -10,7 +10,7 @@ PAGE = "decisions.html"
 def write_loop_page(campaign: Path) -> Path:
     """Write CAMPAIGN/decisions.html from its log, and return its path; there is at least one decision in it."""
     from shockrig.analysis.report.loop_page import loop_report
-    from shockrig.files.plan import read_decisions
+    from shockrig.files.plan_file import read_decisions
     from shockrig.protocols.folder import EMULATED
     from shockrig.rig.recorder.state import read_head
 

@@ -24,7 +24,7 @@ from shockrig.analysis.fleet.population import FALSE_DISCOVERIES, distance
 from shockrig.analysis.fleet.scatter import with_scatter_of_type
 from shockrig.analysis.fleet.statistics import film, stated, statistics_of
 from shockrig.files.causes import StatedEffect
-from shockrig.files.fleet import ALPHA, Coordinate, FleetFigure, Population, demand_of_type
+from shockrig.files.fleet_file import ALPHA, Coordinate, FleetFigure, Population, demand_of_type
 from shockrig.files.numbers import plain
 from shockrig.files.profile import DiffusivityRow, HumidityProfile, Profile, ResponseTime, TemperatureProfile, Uncertain
 

@@ -18,13 +18,13 @@ from typing import Any
 from shockrig.files.disk import shown
 from shockrig.files.numbers import counted
 from shockrig.rig.bench import Bench
+from shockrig.rig.bench_errors import BenchError, ConnectionFaults
 from shockrig.rig.chambers.limits import UNITS
 from shockrig.rig.clock import VirtualClock
-from shockrig.rig.errors import BenchError, ConnectionFaults
 from shockrig.rig.listening import SHORTEST_WAIT_S
 from shockrig.rig.planning import check_plan, demand_room
 from shockrig.rig.protocol import Protocol
-from shockrig.rig.recorder.campaign import check_folder
+from shockrig.rig.recorder.campaign_folder import check_folder
 from shockrig.rig.seams import Air, Move, Outcome, Reading
 from shockrig.rig.sensors.imet_lines import PROBES
 

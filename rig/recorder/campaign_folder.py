@@ -22,11 +22,10 @@ from shockrig.files.campaign_write import campaign_document, write_campaign
 from shockrig.files.common_uncertainty import NOTHING_COMMON
 from shockrig.files.disk import is_there, read_bytes, real_path, shown, sync_folder
 from shockrig.files.errors import InputError
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.protocol import PlannedRun, Protocol
 from shockrig.rig.recorder.files import write_run_files
-from shockrig.rig.recorder.judging import judge
-from shockrig.rig.recorder.run import (
+from shockrig.rig.recorder.run_journal import (
     COMPLETE,
     JOURNAL,
     SPOILT,
@@ -35,7 +34,8 @@ from shockrig.rig.recorder.run import (
     RunRecord,
     read_run,
 )
-from shockrig.rig.recorder.session import changes
+from shockrig.rig.recorder.run_quality import judge
+from shockrig.rig.recorder.session_record import changes
 from shockrig.rig.recorder.state import REMEDY, read_content
 
 FOLDERS = ("runs", "recording", "set_aside")

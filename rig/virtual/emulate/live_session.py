@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.clock import RealClock
-from shockrig.rig.errors import BenchError
 from shockrig.rig.seams import Air
 from shockrig.rig.virtual.chips.grbl import GrblController
 from shockrig.rig.virtual.chips.hyt271 import Hyt271Chip

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from statistics import median
 
 from shockrig.rig.protocol import Faults
-from shockrig.rig.recorder.run import RunRecord, columns_of, count_outcomes, is_good, sample_time_s
+from shockrig.rig.recorder.run_journal import RunRecord, columns_of, count_outcomes, is_good, sample_time_s
 from shockrig.rig.seams import Air, Outcome
 
 PLATEAU_S = 5.0  # the last seconds in an air, over which a probe's readings are averaged

@@ -12,7 +12,7 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from shockrig.rig.errors import BenchError
+from shockrig.rig.bench_errors import BenchError
 
 # settings that enter the time stamps of readings: under another value the same sensor would look faster or slower
 SHIFTS_TIME = ("latency_s", "sampled_after_s")

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from shockrig.files.campaign_names import sensor_and_probe
-from shockrig.rig.errors import BenchError, RigError, as_bench_errors
+from shockrig.rig.bench_errors import BenchError, RigError, as_bench_errors
 from shockrig.rig.journal import Journal, JournalWriter, read_journal
 from shockrig.rig.seams import Air, Move, Outcome, Reading
 

@@ -12,11 +12,11 @@ from shockrig.files.campaign_names import KNOWN_KINDS
 from shockrig.files.campaign_write import campaign_document, write_run
 from shockrig.files.disk import TABLE_AT_MOST, read_bytes, shown
 from shockrig.files.spelling import did_you_mean
-from shockrig.rig.errors import BenchError
-from shockrig.rig.logs.channels import SensorLog, read_sensors
+from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.logs.found import LogStep, steps_of
 from shockrig.rig.logs.mapping import LogMap
 from shockrig.rig.logs.runs import ImportedRun, StepLeftOut, runs_of
+from shockrig.rig.logs.sensor_logs import SensorLog, read_sensors
 from shockrig.rig.logs.steps import READINGS_BEFORE
 
 UNKNOWN_BODY = "lumped"

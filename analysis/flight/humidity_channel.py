@@ -12,7 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, maximum_filter1d, uniform_filter1d
 
-from shockrig.analysis.flight.channel import (
+from shockrig.analysis.flight.air_prior import Passing
+from shockrig.analysis.flight.comparisons import Told
+from shockrig.analysis.flight.doubts import airspeed_doubt
+from shockrig.analysis.flight.flight_channel import (
     VAGUE_TIMES,
     FlightChannel,
     FlightReadings,
@@ -25,10 +28,13 @@ from shockrig.analysis.flight.channel import (
     too_few,
     untouched,
 )
-from shockrig.analysis.flight.comparisons import Told
-from shockrig.analysis.flight.doubts import airspeed_doubt
-from shockrig.analysis.flight.prior import Passing
-from shockrig.analysis.flight.readout import (
+from shockrig.analysis.flight.response import LagResponse, film_response, unsure_of_airspeed
+from shockrig.analysis.flight.screen import Screened, resolution_of, screen
+from shockrig.analysis.flight.smooth_channel import LONGEST_BRIDGE_S, Estimate, typical_period
+from shockrig.analysis.flight.smoother import followed
+from shockrig.analysis.flight.stretches import MOST_SHARE, TO_SIGMA, Felt, fastest, largest_share
+from shockrig.analysis.flight.sweep import lags_behind
+from shockrig.analysis.flight.undo_readout import (
     Acting,
     Stated,
     Undone,
@@ -45,15 +51,9 @@ from shockrig.analysis.flight.readout import (
     undone,
     uptake,
 )
-from shockrig.analysis.flight.readout import unseen as beyond_discovered
-from shockrig.analysis.flight.response import LagResponse, film_response, unsure_of_airspeed
-from shockrig.analysis.flight.screen import Screened, resolution_of, screen
-from shockrig.analysis.flight.smooth_channel import LONGEST_BRIDGE_S, Estimate, typical_period
-from shockrig.analysis.flight.smoother import followed
-from shockrig.analysis.flight.stretches import MOST_SHARE, TO_SIGMA, Felt, fastest, largest_share
-from shockrig.analysis.flight.sweep import lags_behind
+from shockrig.analysis.flight.undo_readout import unseen as beyond_discovered
 from shockrig.analysis.flight.unread import APART_S, where_unread
-from shockrig.analysis.physics.exchange import Stream
+from shockrig.analysis.physics.air_exchange import Stream
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.flight import Flight
 from shockrig.files.numbers import counted

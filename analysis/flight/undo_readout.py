@@ -17,7 +17,7 @@ from scipy.linalg import solveh_banded
 from shockrig.analysis.effects import CATALOGUE, OF_FLIGHT
 from shockrig.analysis.effects.described import entry_of, of_readings, stated_values
 from shockrig.analysis.estimate.effect import Effect, InFlight
-from shockrig.analysis.physics.exchange import Stream
+from shockrig.analysis.physics.air_exchange import Stream
 from shockrig.analysis.physics.standard_atmosphere import pressure_altitude_m
 from shockrig.files.diagnosis_data import Discovered
 from shockrig.files.errors import InputError
