@@ -31,8 +31,8 @@ from shockrig.analysis.flight.screen import (
 )
 from shockrig.analysis.flight.smooth_channel import MOST_PARTS
 from shockrig.analysis.flight.stretches import (
+    BURST_FACTORS,
     BY_CHANCE,
-    LOUDER,
     MOST_SHARE,
     NORM_1,
     NORM_3,
@@ -262,7 +262,7 @@ def _of_guards() -> dict[str, float]:
         "SOFT": causal_guard.SOFT_EDGE,
         "LEAST_NOISE": causal_guard.LEAST_NOISE,
         "MOST_NOISE": causal_guard.MOST_NOISE,
-        "LOUD": LOUDER[WINDOW_ROWS],
+        "LOUD": BURST_FACTORS[WINDOW_ROWS],
         "MOST_SHARE": MOST_SHARE,
         "THIRD": float(NORM_3) * size,
         "FIRST": float(NORM_1) * size,

@@ -36,7 +36,7 @@ from shockrig.analysis.characterize.shifts import (
 )
 from shockrig.analysis.effects import structure_of
 from shockrig.analysis.estimate.fit import fit
-from shockrig.analysis.estimate.model import PERTURBED, TRIGGER, Point
+from shockrig.analysis.estimate.model import PERTURBED_INPUTS, TRIGGER, Point
 from shockrig.analysis.estimate.quantity import RunEffect
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.batch import simulate_campaign
@@ -83,7 +83,7 @@ def drawn(part: Part, draws: int, rng: np.random.Generator) -> list[Draw]:
         power = exponent * float(rng.standard_normal())
         truth, theta = channel, found.theta.copy()
         for name, z in inputs.items():
-            truth = PERTURBED[name][0](truth, z * float(getattr(channel.common, name)))
+            truth = PERTURBED_INPUTS[name][0](truth, z * float(getattr(channel.common, name)))
         theta[model.behind] = shared * [one.standard_uncertainty for one in model.shared]
         # A start that is noted wrongly is that: what was read, and when, stays as it was.
         own_off = runs / np.sqrt(arrow.weight)

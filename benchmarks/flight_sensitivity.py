@@ -29,13 +29,14 @@ from shockrig.analysis.flight.correct import correct
 from shockrig.files.flight import Flight
 
 SMOOTHER = (
-    "channel.VAGUE_TIMES", "channel.MOST_NOISES_OFF", "channel.ROWS_TOGETHER", "comparisons.LEAST_EXPLAINED",
+    "flight_channel.VAGUE_TIMES", "flight_channel.MOST_NOISES_OFF", "flight_channel.ROWS_TOGETHER",
+    "comparisons.LEAST_EXPLAINED",
     "comparisons.LEAST_OF_ITS_SIZE", "comparisons.MOST_OF_ITS_SIZE", "comparisons.NOT_AS_STATED",
-    "comparisons.MOST_TIMES", "comparisons.COVERED_S", "prior.BINS_PER_OCTAVE", "screen.MOST_SHARE_OFF",
+    "comparisons.MOST_TIMES", "comparisons.COVERED_S", "air_prior.BINS_PER_OCTAVE", "screen.MOST_SHARE_OFF",
     "screen.LEAST_COLUMNS_APART", "smooth_channel.TO_AND_FRO", "smooth_channel.LEAST_CALM",
     "smooth_channel.PLACES_IN_GAP", "smooth_channel.COMPARABLE_SHARE", "stretches.LEAST_TURNED",
     "stretches.FELT_SHARE", "stretches.ALIVE_SHARE", "sweep.GAP_NODES", "screen.FELT_SIGMAS", "screen.ON_THE_WAY",
-    "stretches.LEFT_SHARE", "unread.BLOCKS", "unread.FEWEST_BLOCKS", "unread.MOVED_SIGMAS", "unread.SURE_SIGMAS",
+    "stretches.LEFT_SHARE", "unread.SLOPE_BLOCKS", "unread.FEWEST_BLOCKS", "unread.MOVED_SIGMAS", "unread.SURE_SIGMAS",
 )  # fmt: skip
 CAUSAL = (
     "causal_bank.LEARNING", "causal_bank.STRENGTH_LASTS_S", "causal_bank.BETWEEN_BENDS_S", "causal_bank.BEND_LASTS_S",

@@ -23,7 +23,7 @@ from shockrig.analysis.learn.bins import FlightBins, binned
 from shockrig.analysis.learn.density import prepared
 from shockrig.analysis.learn.flights_fit import Learned, fitted
 from shockrig.analysis.learn.laws import LAWS, Law, LawParameter
-from shockrig.analysis.learn.learn import BINS
+from shockrig.analysis.learn.learn import FLIGHT_BINS
 
 WIDTHS_PERCENT = (0.0, 1.0, 3.0)
 TURNED_PERCENT = 1.0  # by which a reading has turned where its direction is told
@@ -68,7 +68,7 @@ def rows(first_seed: int, missions: int) -> list[tuple[float, ...]]:
         flights = [one.flight for one in flown(seed, KINDS["lags"])[:AT_MOST_FLIGHTS]]
         for width in WIDTHS_PERCENT:
             read = [replace(one, humidity_percent=backlash(one.humidity_percent, width)) for one in flights]
-            units = [prepared(binned(one, str(i), BINS), "humidity") for i, one in enumerate(read)]
+            units = [prepared(binned(one, str(i), FLIGHT_BINS), "humidity") for i, one in enumerate(read)]
             plain = fitted((lag,), units, at)
             offset, turned = (fitted((lag, one), units, np.r_[at, 1.0], plain) for one in (down, law))
             gains = [float(one.predicted().sum() - plain.predicted().sum()) for one in (offset, turned)]

@@ -36,7 +36,7 @@ from shockrig.analysis.learn.bins import CHANNELS, FlightBins, binned, why_nothi
 from shockrig.analysis.learn.density import prepared
 from shockrig.analysis.learn.flights_fit import fitted
 from shockrig.analysis.learn.laws import LAWS, Law, LawParameter
-from shockrig.analysis.learn.learn import BINS, learn
+from shockrig.analysis.learn.learn import FLIGHT_BINS, learn
 from shockrig.analysis.learn.learned_profile import learned_profile
 from shockrig.analysis.learn.passes import disagreement
 from shockrig.analysis.physics.standard_atmosphere import pressure_altitude_m
@@ -179,7 +179,7 @@ def corrected(flights: dict[str, Flight]) -> list[str]:
                 log = on_clock(log, learned.position[0].parameters[0].value)
             found = correct(log, profile)
             air = replace(log, temperature_c=found.temperature_c, humidity_percent=found.humidity_percent)
-            both = [binned(one, name, BINS) for one in (flights[name], air)]
+            both = [binned(one, name, FLIGHT_BINS) for one in (flights[name], air)]
             if all(one.has(channel) for one in both):
                 rms.append([disagreement([prepared(one, channel)], None, channel).rms for one in both])
         if not rms:
@@ -246,7 +246,7 @@ def ahead_table(paths: list[Path], clock_s: float) -> list[str]:
     for name, flight in flights.items():
         up, down, pressure = ahead(flight)
         lines.append(f"    {name:<28} {up:+5.0f} {down:+5.0f} {pressure:+5.0f}")
-    units = [prepared(binned(flight, name, BINS), "temperature") for name, flight in flights.items()]
+    units = [prepared(binned(flight, name, FLIGHT_BINS), "temperature") for name, flight in flights.items()]
     lag, start = LAWS["temperature.lag"], np.log(2.0)
     beside = LAWS["position.clock_offset"], LAWS["temperature.ventilated_warmth"], _cold_on_the_way_up()
     plain = fitted((lag,), units, np.array([start]))

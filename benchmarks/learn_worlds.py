@@ -37,7 +37,7 @@ import numpy as np
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.learn.bins import binned
 from shockrig.analysis.learn.density import prepared
-from shockrig.analysis.learn.learn import BINS, NAMED, ChannelLearned, FlightsLearned, learn
+from shockrig.analysis.learn.learn import FLIGHT_BINS, NAMED_FROM, ChannelLearned, FlightsLearned, learn
 from shockrig.analysis.learn.learned_profile import learned_profile
 from shockrig.analysis.learn.pair import learn_pair
 from shockrig.analysis.learn.passes import disagreement
@@ -245,7 +245,7 @@ class Count:
             self.hidden += len(hidden)
             self.in_set += len(hidden & {cause.law.key for cause in one.causes})
             right = hidden | ({"late_die"} if hidden and name == "humidity" else set())  # its film is never as the bead
-            self.wrong += any(c.probability >= NAMED and c.law.key not in right for c in one.causes)
+            self.wrong += any(c.probability >= NAMED_FROM and c.law.key not in right for c in one.causes)
             lag = truth.temperature_lag_s if name == "temperature" else truth.humidity_lag_s
             for cause in one.causes:
                 if cause.law.key == "lag" and "lag" in hidden:
@@ -283,7 +283,7 @@ class Count:
 
 def nearer(flight: Flight, one: ChannelLearned) -> float:
     """How far apart passes of a flight are under a model that was learned without it, over how far as read."""
-    unit = prepared(binned(flight, "kept back", BINS), one.channel)
+    unit = prepared(binned(flight, "kept back", FLIGHT_BINS), one.channel)
     place = [i for i, channel in enumerate(one.fit.channels) if channel == one.channel]
     usual = np.median([one.fit.sizes[i] for i in place], axis=0)
     alone = replace(one.fit, sizes=(usual,), channels=(one.channel,))
@@ -328,7 +328,7 @@ class Beside:
             hidden = truth.laws(name) | ({"late_die"} if name == "humidity" else set())
             self.channels += 1
             self.named += one.verdict == "named"
-            self.wrong += any(c.probability >= NAMED and c.law.key not in hidden for c in one.causes)
+            self.wrong += any(c.probability >= NAMED_FROM and c.law.key not in hidden for c in one.causes)
             lag = truth.temperature_lag_s if name == "temperature" else truth.humidity_lag_s
             for tau in (c.parameters[0] for c in one.causes if c.law.key == "lag" and "lag" in hidden):
                 self.off.append((np.log(tau.value / lag), tau.standard_uncertainty / tau.value))

@@ -170,7 +170,7 @@ def main(argv: list[str] | None = None) -> int:
         default=[],
         dest="numbers",
         metavar="FILE.NAME=VALUE",
-        help="another value of a named number of analysis/estimate, as noise.BENT=2",
+        help="another value of a named number of analysis/estimate, as noise.BEND_ORDER=2",
     )
     args = parser.parse_args(argv)
     for one in args.numbers:

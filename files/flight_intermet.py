@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-ROWS = 400  # that the two clocks' paces are told from
+CLOCK_ROWS = 400  # that the two clocks' paces are told from
 ALIKE_READINGS = 0.2  # relative, that they differ by where both are of the readings
 DAY_S = 86400.0
 
@@ -25,7 +25,7 @@ def clock_of(lines: Iterable[str], application: int, own: int, own_date: int | N
     The application's clock stays where the sensor's goes at the same pace: it has fractions of a second, and a date
     without a fix.
     """
-    rows = [row for row in islice(csv.reader(lines), ROWS) if len(row) > max(application, own, own_date or 0)]
+    rows = [row for row in islice(csv.reader(lines), CLOCK_ROWS) if len(row) > max(application, own, own_date or 0)]
     if len(rows) < 2 or any(row[application].replace(".", "", 1).strip().isdigit() for row in rows):
         return application, None
     of_application = pace([row[application] for row in rows])

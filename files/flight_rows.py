@@ -28,7 +28,7 @@ TIME_OF_DAY = r"\d{1,2}:\d\d(:\d\d([.,]\d+)?)?( ?[AaPp][Mm])?"
 DISORDER_S = 3600.0  # by which a row may be earlier than a log's first: 23 hours on, its day is the next
 ISO_UTC = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d{1,6})?)?Z?)?")
 SLOWEST_PACKED_S = 20.0  # a step from one reading to the next, or minutes could be passed over
-MISSING = frozenset(("", "na", "n/a", "null", "none", "-", "--", "---"))  # what loggers write for no value
+NO_VALUE = frozenset(("", "na", "n/a", "null", "none", "-", "--", "---"))  # what loggers write for no value
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def _text_cells(rows: Rows, layout: FlightColumns, quantity: str) -> NDArray[np.
     unread = np.isnan(_times(rows, layout) if quantity == "time" else rows.numbers[place])
     for row in np.flatnonzero(unread).tolist():
         cell = rows.cell(row, place)
-        unread[row] = cell.strip().lower() not in MISSING and not _is_float(cell)
+        unread[row] = cell.strip().lower() not in NO_VALUE and not _is_float(cell)
     return unread
 
 

@@ -16,7 +16,7 @@ from shockrig.files.causes import PROBABILITY
 from shockrig.files.discovered import interval, plain
 from shockrig.files.file_table import FileTable, is_number
 from shockrig.files.json_files import read_json, write_json
-from shockrig.files.ranges import LIKELY, RANGES, Range
+from shockrig.files.ranges import LIKELY_RANGES, RANGES, Range
 
 LEARNED_FORMAT = "shock-learned/1"
 LEARNED_CHANNELS = ("temperature", "humidity")
@@ -229,7 +229,7 @@ def _home(table: FileTable) -> tuple[float, float, float] | None:
     place = table.get("home")
     if place is None:
         return None
-    within = (Range(-89.0, 89.0), Range(-180.0, 180.0), LIKELY["altitude_m"])  # as a mission takes them
+    within = (Range(-89.0, 89.0), Range(-180.0, 180.0), LIKELY_RANGES["altitude_m"])  # as a mission takes them
     if (
         not isinstance(place, list)
         or len(place) != len(within)

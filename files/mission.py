@@ -36,7 +36,7 @@ class Frame(IntEnum):
 
 
 ARDUPILOT, QUADROTOR = 3, 2  # MAV_AUTOPILOT, MAV_TYPE
-RELATIVE = 1  # QGroundControl's altitude mode of altitudes above home
+RELATIVE_MODE = 1  # QGroundControl's altitude mode of altitudes above home
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ def plan_document(mission: Mission) -> dict[str, Any]:
             "type": "SimpleItem",
         }
         if item.position is not None:
-            content |= {"AMSLAltAboveTerrain": None, "Altitude": item.position[2], "AltitudeMode": RELATIVE}
+            content |= {"AMSLAltAboveTerrain": None, "Altitude": item.position[2], "AltitudeMode": RELATIVE_MODE}
         items.append(content)
     return {
         "fileType": "Plan",
@@ -133,7 +133,7 @@ def plan_document(mission: Mission) -> dict[str, Any]:
         "mission": {
             "cruiseSpeed": mission.horizontal_m_s,
             "firmwareType": ARDUPILOT,
-            "globalPlanAltitudeMode": RELATIVE,
+            "globalPlanAltitudeMode": RELATIVE_MODE,
             "hoverSpeed": mission.horizontal_m_s,
             "items": items,
             "plannedHomePosition": list(mission.home),

@@ -78,7 +78,7 @@ RANGES: Mapping[str, Range] = MappingProxyType(
 )
 
 # What a flight's log and a profile are likely to hold. What lies outside is missing, or said, and not refused.
-LIKELY: Mapping[str, Range] = MappingProxyType(
+LIKELY_RANGES: Mapping[str, Range] = MappingProxyType(
     {
         "altitude_m": Range(-12e3, 60e3, "is it in feet"),  # of a sensor in the sea, or under a balloon
         "latitude_deg": Range(-90.0, 90.0, "is it in degrees and minutes"),

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 # code -> who writes it, of any quantity
-_ANY = (
+_ANY_QUANTITY = (
     dict.fromkeys((-9.0, -99.0, -999.0, -9999.0, -99999.0, -999999.0), "no value, in the archives of weather services")
     | dict.fromkeys((-9.9, -99.9, -999.9, -9999.9, -99.99, -999.99, -9999.99), "the same, by the digits of a column")
     | dict.fromkeys((999.0, 999.9, 999.99, 9999.0, 9999.9, 9999.99, 99999.0, 999999.0), "the same")
@@ -47,15 +47,19 @@ _HUMIDITY = _ZERO | {
     998.0: "SparkFun's HTU21D library: no answer",
 }
 CODES: Mapping[str, Mapping[float, str]] = MappingProxyType(
-    {"temperature": _ANY | _TEMPERATURE, "die": _ANY | _TEMPERATURE, "humidity": _ANY | _HUMIDITY}
-    | dict.fromkeys(("pressure", "latitude", "longitude"), _ANY | _ZERO)
-    | dict.fromkeys(("time", "airspeed", "altitude", "vertical_speed"), _ANY)
+    {
+        "temperature": _ANY_QUANTITY | _TEMPERATURE,
+        "die": _ANY_QUANTITY | _TEMPERATURE,
+        "humidity": _ANY_QUANTITY | _HUMIDITY,
+    }
+    | dict.fromkeys(("pressure", "latitude", "longitude"), _ANY_QUANTITY | _ZERO)
+    | dict.fromkeys(("time", "airspeed", "altitude", "vertical_speed"), _ANY_QUANTITY)
 )
 NEAR_SENTINEL = 1e-6  # relative, and 1e-4 in the quantity's unit: digits that a column of text has lost
-FARTHER = 2.0  # times what nine of ten readings differ from the next by
+FAR_STEPS = 2.0  # times what nine of ten readings differ from the next by
 LEAST_JUMP = 1.0  # in the quantity's unit
-MEASURED = 1e25  # in whatever unit: nothing that flies measures so much, and sums of squares still hold it
-JUMP = 20.0  # times what readings usually differ from the next by
+LARGEST_MEASURED = 1e25  # in whatever unit: nothing that flies measures so much, and sums of squares still hold it
+JUMP_STEPS = 20.0  # times what readings usually differ from the next by
 
 
 def coded(quantity: str, values: Array, low: float = -np.inf, high: float = np.inf) -> dict[float, Mask]:
@@ -79,7 +83,7 @@ def coded(quantity: str, values: Array, low: float = -np.inf, high: float = np.i
             found[code] = rows
         elif (jumped := rows & _jumped_to(values, others, rows, code)).any():
             found[code] = jumped
-    beyond = known & (np.abs(values) > MEASURED) & ~equal
+    beyond = known & (np.abs(values) > LARGEST_MEASURED) & ~equal
     if beyond.any():
         found[float(values[beyond][0])] = beyond
     return found
@@ -97,6 +101,6 @@ def _jumped_to(values: Array, others: Mask, rows: Mask, code: float) -> Mask:
     before, behind = values[believed[np.maximum(after - 1, 0)]], values[believed[np.minimum(after, believed.size - 1)]]
     away = np.minimum(np.abs(before - code), np.abs(behind - code))
     step = np.abs(np.diff(values[believed]))
-    usual = max(FARTHER * float(np.quantile(step, 0.9)), JUMP * float(np.median(step))) if step.size else 0.0
+    usual = max(FAR_STEPS * float(np.quantile(step, 0.9)), JUMP_STEPS * float(np.median(step))) if step.size else 0.0
     jumped[at] = away > max(usual, LEAST_JUMP)
     return jumped

@@ -19,7 +19,7 @@ from typing import Any
 Send = Callable[[object], None]
 PR_SET_PDEATHSIG = 1  # of prctl(2)
 AWAKE_S = 1.0  # between two looks at whether somebody asked to stop
-ASKED = 20  # times that a process is asked to end before it is made to
+TIMES_ASKED = 20  # times that a process is asked to end before it is made to
 
 
 @contextmanager
@@ -74,7 +74,7 @@ def received(connection: Connection) -> Any:
 def end(process: BaseProcess) -> None:
     """End a process, and those it has branched: asked again where an exception that a signal raised came to nothing, as
     one does that is raised while something is being deleted."""
-    for _ in range(ASKED):
+    for _ in range(TIMES_ASKED):
         process.terminate()
         process.join(AWAKE_S)
         if process.exitcode is not None:

@@ -20,7 +20,7 @@ from shockrig.files.profile import Profile, read_profile
 from shockrig.rig.bench_errors import RigError
 from shockrig.rig.recorder.state import CampaignState, read_head, read_state
 
-DEEPEST = 4  # folders below the one that was named
+DEEPEST_FOLDER = 4  # folders below the one that was named
 NEVER_INSIDE = ("runs", "recording", "set_aside")
 BEGINS = {"temperature": "imet", "humidity": "hyt"}
 FARTHEST_K = 1.0  # from that temperature a film's row is compared with another campaign's
@@ -68,7 +68,7 @@ def walk(folder: Path, troubles: list[str]) -> Iterator[Path]:
 
     for where, folders, files in os.walk(folder, onerror=fault):
         path = Path(where)
-        deep = len(path.relative_to(folder).parts) >= DEEPEST
+        deep = len(path.relative_to(folder).parts) >= DEEPEST_FOLDER
         inside = NEVER_INSIDE if "campaign.json" in files else ()
         folders[:] = [] if deep else sorted(name for name in folders if not name.startswith(".") and name not in inside)
         yield path

@@ -48,12 +48,12 @@ MESSAGES = "messages.csv"
 MESSAGE_COLUMNS = ("heard_s", "kind", "number", "sensor", "stamp_s", "temperature_c", "humidity_percent")
 HYGROMETER_SENSOR, NAMED, HYGROMETER = "HYGROMETER_SENSOR", "NAMED_VALUE_FLOAT", "Hygrometer"
 OTHER = "other"
-ROUNDED = {
+ROUNDED_HOW = {
     HYGROMETER_SENSOR: "in hundredths, as integers",
     NAMED: "in numbers of 32 bits",
     HYGROMETER: "in numbers of 16 bits (DroneCAN)",
 }
-COVER = 1.96
+COVERAGE_SIGMAS = 1.96
 KINDS = (*LINK_KINDS, *I2C_KINDS, *(kind for kind in SERIAL_KINDS if kind not in (*I2C_KINDS, "alarm", "stall")))
 
 
@@ -171,7 +171,7 @@ def judge(folder: Path, world: FlightWorld, profile: Profile) -> HilResult:
         stage("reading", "noise and rounding of the instruments, dating by the drivers", read, felt_as_dated),
         stage("pairing", "bead and film share a row and are read at two times", felt_as_dated, felt),
         stage("delay", "how far the air moves on until its row is sent", air, _course(weather, log["sent_s"])),
-        *(_message_stage(f"message {kind}", words, heard[kind], sent) for kind, words in ROUNDED.items()),
+        *(_message_stage(f"message {kind}", words, heard[kind], sent) for kind, words in ROUNDED_HOW.items()),
     ]
     totals = [
         stage(AS_READ, "", read, air),
@@ -225,7 +225,7 @@ def _rms(errors: Array) -> float:
 
 def _covered(errors: Array, sigma: Array) -> float:
     known = np.isfinite(errors) & np.isfinite(sigma)
-    return float(np.mean(np.abs(errors[known]) <= COVER * sigma[known])) if known.any() else float("nan")
+    return float(np.mean(np.abs(errors[known]) <= COVERAGE_SIGMAS * sigma[known])) if known.any() else float("nan")
 
 
 def _message_stage(name: str, words: str, messages: HeardMessages, sent: SentRows) -> LossStage:

@@ -15,7 +15,7 @@ from shockrig.files.flight import Corrected, Flight, read_layout
 from shockrig.files.flight_wmo import write_wmo
 
 Array = NDArray[np.float64]
-FURTHEST = {"lat": 90.0, "lon": 360.0}
+LARGEST_DEGREES = {"lat": 90.0, "lon": 360.0}
 # of a1 (in units of geophysics), b1 (checked) and c1 (derived from other variables): values are those of the air, with
 # an uncertainty, derived from readings, profile and position
 PROCESSING_LEVEL = "c1"
@@ -43,7 +43,7 @@ class WmoFlight:
         names = {"lat": "latitude", "lon": "longitude", "altitude": "altitude"}
         if lacking and not self._blocks:
             raise _no_position([names[n] for n in lacking])
-        for name, most in FURTHEST.items():
+        for name, most in LARGEST_DEGREES.items():
             values = where[name]
             if values is not None and np.isfinite(values).any() and np.nanmedian(np.abs(values)) > most:
                 raise InputError(

@@ -38,7 +38,7 @@ JUMP_S = 0.2
 OLDEST_TIME_OF_DAY_S = 1735689600.0  # 2025-01-01 UTC: a computer without a battery clock wakes up long before
 SYNC_S = 0.5
 BLOCK_BYTES = 4096
-BLOCKS = 64
+BLOCKS_WRITTEN = 64
 
 REMEDIES = {
     Outcome.STALE: "they come too late: end what else reads it or keeps this host busy; of a film, raise conversion_s",
@@ -323,7 +323,7 @@ def _timed_writes(home: Path, now: Callable[[], float]) -> list[float]:
     file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     try:
         times_s = []
-        for _ in range(BLOCKS):
+        for _ in range(BLOCKS_WRITTEN):
             began_s = now()
             os.write(file, os.urandom(BLOCK_BYTES))
             os.fdatasync(file)

@@ -15,7 +15,7 @@ from shockrig.files.campaign_names import sensor_name
 from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.seams import Clock, I2cBus, Outcome, SerialPort
 from shockrig.rig.sensors.hyt271 import decode_frame
-from shockrig.rig.sensors.hyt271_commands import FREE
+from shockrig.rig.sensors.hyt271_commands import FREE_ADDRESSES
 from shockrig.rig.sensors.imet_lines import (
     SECOND,
     SECOND_BEAD,
@@ -107,7 +107,7 @@ def scan_i2c(path: str, bus: I2cBus, clock: Clock) -> tuple[list[FoundHyt], str]
                 return [], "a recording is using it"
             clock.sleep_until(clock.now() + LOOK_EVERY_S)
         found = []
-        for address in (USUAL_ADDRESS, *(address for address in FREE if address != USUAL_ADDRESS)):
+        for address in (USUAL_ADDRESS, *(address for address in FREE_ADDRESSES if address != USUAL_ADDRESS)):
             if address == USUAL_ADDRESS or _reads_like_one(bus, address):
                 sensor = _measured(path, bus, clock, address)
                 found += [sensor] if sensor else []

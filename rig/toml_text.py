@@ -10,7 +10,7 @@ from shockrig.files.spelling import did_you_mean
 from shockrig.rig.bench_errors import BenchError
 
 MOST_DOTS = 2000  # in a line: tomllib takes a minute for a key of 100 000 parts
-LARGEST = 2**63  # whole numbers of TOML go to 64 bits (v1.0.0, Integer)
+LARGEST_INTEGER = 2**63  # whole numbers of TOML go to 64 bits (v1.0.0, Integer)
 
 
 def read_toml(text: str, where: str) -> dict[str, Any]:
@@ -42,7 +42,7 @@ def refuse_unknown_keys(table: Iterable[str], known: Iterable[str], where: str) 
 
 
 def _demand_numbers(value: object, where: str) -> None:
-    if isinstance(value, int) and not -LARGEST <= value < LARGEST:
+    if isinstance(value, int) and not -LARGEST_INTEGER <= value < LARGEST_INTEGER:
         raise BenchError(f"{where}: not TOML: a whole number of more than 64 bits; fix the line")
     for item in value.values() if isinstance(value, Mapping) else value if isinstance(value, list) else ():
         _demand_numbers(item, where)

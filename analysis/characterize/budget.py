@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from shockrig.analysis.characterize import curvature
-from shockrig.analysis.characterize.response_times import USUAL, ResponseAir, response_slopes
+from shockrig.analysis.characterize.response_times import USUAL_AIR, ResponseAir, response_slopes
 from shockrig.analysis.characterize.result import ChannelResult, Part, TableRow
 from shockrig.analysis.characterize.shifts import (
     airflow_exponent,
@@ -392,7 +392,7 @@ def _stated(channel: Channel, ambient: int, air: ResponseAir) -> ResponseAir:
     if not channel.quantity.pooled:
         temperature = float(channel.ambients_c[ambient])
     elif temperature is None:
-        temperature = USUAL["temperature_c"]
+        temperature = USUAL_AIR["temperature_c"]
     return ResponseAir(
         airflow, temperature, float(np.median(conditions.pressure_hpa)) if pressure is None else pressure
     )

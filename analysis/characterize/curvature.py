@@ -27,7 +27,7 @@ LogFigure = Callable[[Array], tuple[float, Array]]  # of theta (P,): logarithm o
 
 LEAST_SPREAD = 0.05  # of ln theta along an axis: below, exp is straight to a tenth of a percent of u
 TOLERANCE_OF_U = 0.05  # of u, within which a straight response will do (JCGM 101, 8.1: half a digit of a two-digit u)
-DRAWS = 10_000
+MONTE_CARLO_DRAWS = 10_000
 RIDGE_STEP, RIDGE_GROWTH = 0.2, 1.12  # standard deviations between points of the ridge, and how the distance grows
 FARTHEST_MISFIT = 30.0  # misfit of a ridge's ends: nothing drawn is beyond
 MOST_POINTS = 40
@@ -82,8 +82,8 @@ class Ridge:
 class Drawn:
     """A figure's logarithm over many draws of all inputs.
 
-    `error` (DRAWS,) is by how much it is off, `contributions` of each input what the best straight line gives it, with
-    a sign where it is one number for all runs.
+    `error` (MONTE_CARLO_DRAWS,) is by how much it is off, `contributions` of each input what the best straight line
+    gives it, with a sign where it is one number for all runs.
     """
 
     error: Array
@@ -200,17 +200,17 @@ def drawn(of: Ridge, log_figures: Sequence[LogFigure]) -> list[Drawn]:
     """
     rng = np.random.default_rng(101)
     runs, size = of.z.shape[1:]
-    noise = np.empty((DRAWS, runs, size))
+    noise = np.empty((MONTE_CARLO_DRAWS, runs, size))
     for run, basis in enumerate(of.basis):  # drawn for the readings: directions have the sign that the processor gives
-        noise[:, run] = rng.standard_normal((DRAWS, len(basis))) @ basis
-    own = rng.standard_normal((DRAWS, runs, of.effects.shape[2]))
-    before = np.where(of.known > 0, rng.standard_normal((DRAWS, of.known.size)), 0.0)
-    others = rng.standard_normal((DRAWS, len(of.disturbances)))
+        noise[:, run] = rng.standard_normal((MONTE_CARLO_DRAWS, len(basis))) @ basis
+    own = rng.standard_normal((MONTE_CARLO_DRAWS, runs, of.effects.shape[2]))
+    before = np.where(of.known > 0, rng.standard_normal((MONTE_CARLO_DRAWS, of.known.size)), 0.0)
+    others = rng.standard_normal((MONTE_CARLO_DRAWS, len(of.disturbances)))
     readings = noise + np.einsum("rku,dru->drk", of.effects, own)
     for z, (change, _) in zip(others.T, of.disturbances, strict=True):
         readings += z[:, None, None] * change
     ended = fits(of, readings, before)
-    inputs = [noise.reshape(DRAWS, -1), *own.transpose(2, 0, 1), *before.T[of.known > 0], *others.T]
+    inputs = [noise.reshape(MONTE_CARLO_DRAWS, -1), *own.transpose(2, 0, 1), *before.T[of.known > 0], *others.T]
     made = []
     for log_figure in log_figures:
         error = reached(of, log_figure, ended)

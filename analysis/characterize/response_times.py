@@ -20,7 +20,7 @@ from shockrig.files.profile import ResponseTime
 Array = NDArray[np.float64]
 
 SHARES_OF_STEP = (1.0 - np.exp(-1.0), 0.90, 0.98)
-USUAL = {"temperature_c": 20.0, "humidity_percent": 50.0}  # of the quantity that does not step
+USUAL_AIR = {"temperature_c": 20.0, "humidity_percent": 50.0}  # of the quantity that does not step
 TIME_STEPS = 3000
 SETTLED_SHARE = 1e-5  # of a step, in the second half of the time that is looked at
 LONGER_FACTOR = 8  # times at most that it is looked at for longer
@@ -117,12 +117,12 @@ def _one_step(channel: Channel, ambient: int, time: Array, air: ResponseAir) -> 
         "elsewhere": np.zeros(1, dtype=bool),
         "source_c": here,
         "destination_c": here,
-        "source_percent": np.array([USUAL["humidity_percent"]]),
-        "destination_percent": np.array([USUAL["humidity_percent"]]),
+        "source_percent": np.array([USUAL_AIR["humidity_percent"]]),
+        "destination_percent": np.array([USUAL_AIR["humidity_percent"]]),
     }
     for name, level in zip(channel.quantity.air_fields, channel.quantity.rise, strict=True):
         if channel.quantity.pooled and air.temperature_c is not None:
-            level += air.temperature_c - USUAL["temperature_c"]
+            level += air.temperature_c - USUAL_AIR["temperature_c"]
         changed[name] = np.array([level])
     shape = (1, time.size)
     weights = np.zeros((1, channel.rates))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.fit import Fit
-from shockrig.analysis.estimate.model import LEAST_TRIGGER_OFFSET_S, PERTURBED, TRIGGER
+from shockrig.analysis.estimate.model import LEAST_TRIGGER_OFFSET_S, PERTURBED_INPUTS, TRIGGER
 from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import RunEffect
 
@@ -42,7 +42,7 @@ def disturbances(problem: Problem, found: Fit) -> dict[str, tuple[Array, Array]]
     if stated is None:
         return done
     base = model.predict(found.point)[0]
-    for name, (perturbed, step) in PERTURBED.items():
+    for name, (perturbed, step) in PERTURBED_INPUTS.items():
         uncertainty = float(getattr(stated, name))
         if name in fitted or name == TRIGGER or uncertainty == 0.0:
             continue
@@ -84,7 +84,7 @@ def widened(problem: Problem, found: Fit) -> Fit:
 
 def knows_airflow(problem: Problem, found: Fit) -> bool:
     """Whether the model's readings change with the airflow."""
-    perturbed, step = PERTURBED["airflow_percent"]
+    perturbed, step = PERTURBED_INPUTS["airflow_percent"]
     there = found.model.on(perturbed(problem.channel, step)).predict(found.point)
     return bool(np.abs(there - found.model.predict(found.point)).max() > NO_CHANGE_SIGMAS)
 

@@ -20,7 +20,7 @@ CLOCK_S = 1e-6  # to which logs write times
 FEWEST_MESSAGES = 20  # messages of a window that say anything
 MOST_ROWS_LATE = 30
 AGREES, DISAGREES = 0.9, 0.5  # shares of a window's messages
-MISSING = 0.01  # share of a window's messages that is a loss
+LOSS_SHARE = 0.01  # share of a window's messages that is a loss
 HALF_DIGITS = 2.0**-11  # float16 has eleven digits
 KELVIN, HUNDREDTHS = 273.15, 0.01
 NAMES = {
@@ -130,14 +130,14 @@ def _window(
         return [finding("silent", f"{rows} rows were sent")]
     found = []
     lost = _lost(messages, start_s, end_s)
-    if lost > MISSING:
+    if lost > LOSS_SHARE:
         found.append(finding("loss", "their numbers have gaps"))
     if np.count_nonzero(inside) < FEWEST_MESSAGES:
         return found
     stamps = messages.stamp_s[inside]
     stamped = stamps[np.isfinite(stamps)]
     repeated = float(np.mean(np.diff(stamped) == 0.0)) if stamped.size > 1 else 0.0
-    if repeated > MISSING:
+    if repeated > LOSS_SHARE:
         found.append(finding("stamps", "two in a row are equal"))
     values = messages.temperature_c[inside], messages.humidity_percent[inside]
     place = places[inside]

@@ -326,7 +326,7 @@ def _explained(
 
 
 # D t63 / L^2 of a film's mean and alpha t63 / R^2 of a sphere's core after a step (analysis/physics/modes.py)
-LANDMARKS = {TEMPERATURE: 0.17091, HUMIDITY: 0.32025}
+HALF_WAY_NUMBERS = {TEMPERATURE: 0.17091, HUMIDITY: 0.32025}
 LENGTHS = {
     TEMPERATURE: ("imet", "bead_radius_m", "sphere", "alpha", "smallest_alpha_m2_s", "largest_alpha_m2_s"),
     HUMIDITY: ("hyt", "film_thickness_m", "film", "D", "smallest_d_m2_s", "largest_d_m2_s"),
@@ -352,7 +352,7 @@ def _length_and_rate(view: CampaignView, column: str, found: list[RunResponse]) 
     if length is None or view.campaign.bodies.get(sensor) != body:
         return
     t63 = float(np.median([r.t63_s for r in found]))
-    rate = LANDMARKS[column] * length**2 / t63
+    rate = HALF_WAY_NUMBERS[column] * length**2 / t63
     low, high = limit(smallest), limit(largest)
     if low <= rate <= high:
         return

@@ -54,7 +54,7 @@ from shockrig.files.numbers import counted
 Array = NDArray[np.float64]
 
 MOST_PREDICTING = 8  # models of the largest weight that are tried on runs held out
-TINY = 1e-30  # of a mean square or a weight, whose logarithm is taken
+LEAST_SQUARE = 1e-30  # of a mean square or a weight, whose logarithm is taken
 
 # What a channel's runs cannot tell, whatever is in them: said before anything is fitted.
 
@@ -302,11 +302,11 @@ def _predicting(
     heavy = (one for one in found.pool[:MOST_PREDICTING] if found.weight(one) >= LEAST_WEIGHT)
     among = {id(one): one for one in (*heavy, found.best, found.plain)}
     log_squares = {
-        key: np.log(np.maximum(held_out_squares(channel, problem, parts, one), TINY))
+        key: np.log(np.maximum(held_out_squares(channel, problem, parts, one), LEAST_SQUARE))
         for key, one in among.items()
         if parts
     }
-    losses = {key: own.sum() - np.log(max(found.weight(among[key]), TINY)) for key, own in log_squares.items()}
+    losses = {key: own.sum() - np.log(max(found.weight(among[key]), LEAST_SQUARE)) for key, own in log_squares.items()}
     told = {key: loss for key, loss in losses.items() if np.isfinite(loss)}
     model = among[min(told, key=told.__getitem__)] if told else found.pool[0]
     if model is found.best:

@@ -140,7 +140,7 @@ NUMBERS: dict[tuple[str, str], tuple[float, float, tuple[float, ...], str, bool]
     ("history", "spread"): (0.0, 4.0, (1.5,), "1", False),
 }
 # What is known of a room's air before any data, as of those that come in with the probes in the catalogue.
-ROOM = {"ambient": (21.0, 8.0), "humidity": (45.0, 20.0)}
+USUAL_ROOM = {"ambient": (21.0, 8.0), "humidity": (45.0, 20.0)}
 
 
 def is_described(id_: str) -> bool:
@@ -267,7 +267,7 @@ def _parameters(form: Form, jumps: bool) -> Iterable[Parameter]:
             low, high, begin, of, log = NUMBERS[factor, how]
             if how == "trend" and kind == "rate_change":  # bodies age by less than what fades out
                 begin = (-0.004, 0.004)
-            prior = ROOM.get(factor) if room else None
+            prior = USUAL_ROOM.get(factor) if room else None
             none = None if how in ("above", "spread") else 1.0 if log else 0.0
             yield Parameter(factor, of, low, high, begin, log=log, none=none, prior=prior, ends_say=how == "ratio")
         elif is_step(how):  # the value from that run on, beside that before it

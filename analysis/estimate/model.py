@@ -106,7 +106,7 @@ def _slower(channel: Channel, by_ppm: float) -> Channel:
 
 
 # Key in campaign.json: (the channel as it is where the input is truly that much higher, step of the finite difference).
-PERTURBED: dict[str, tuple[Callable[[Channel, float], Channel], float]] = {
+PERTURBED_INPUTS: dict[str, tuple[Callable[[Channel, float], Channel], float]] = {
     "air_temperature_k": (_warmer, 0.01),
     "air_humidity_percent": (_moister, 0.1),
     "airflow_percent": (_windier, 0.1),

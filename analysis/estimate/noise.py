@@ -111,8 +111,8 @@ AVERAGE_NATS = 8.0  # by which an average over readings has to be likelier than 
 MAX_AVERAGED = 24
 OWN_SHARE = 0.4  # of a sensor's time to half of a step
 TINY_VARIANCE = 1e-12  # variance of what is nothing
-IMPOSSIBLE = 1e12  # deviance of a covariance that is none
-BENT = 4  # order of the polynomial that a piece of a response is taken for
+NO_COVARIANCE = 1e12  # deviance of a covariance that is none
+BEND_ORDER = 4  # order of the polynomial that a piece of a response is taken for
 KINKED_DEVIATIONS = (
     9.0  # median deviations above the median by which a piece of measured air departs from such a polynomial
 )
@@ -242,7 +242,7 @@ def _smooth(driving: Array) -> NDArray[np.bool_]:
 
     Behind a kink of the air a sensor bends too, by little enough to pass for noise with a long memory.
     """
-    power = (_unbent(driving, BENT)[0] ** 2).mean(axis=1)
+    power = (_unbent(driving, BEND_ORDER)[0] ** 2).mean(axis=1)
     middle = float(np.median(power))
     kinked = power > middle + KINKED_DEVIATIONS * float(np.median(np.abs(power - middle))) + TINY_VARIANCE
     return ~(kinked | np.append(False, kinked[:-1]))
@@ -283,7 +283,7 @@ class _Pool:
         """
         factor, log_inner = _factored(self.polynomials.T @ seen)
         if factor is None:
-            return IMPOSSIBLE
+            return NO_COVARIANCE
         taken = linalg.lapack.dpotrs(factor, seen.T @ self.scatter @ seen, lower=True)[0].trace()
         return float(self.count * (log_determinant + log_inner) - taken)
 
@@ -372,7 +372,7 @@ class _PlateauNoise:
             gamma[0] += self.extra
         factor, log_determinant = _factored(gamma.take(apart))
         if factor is None:
-            return IMPOSSIBLE
+            return NO_COVARIANCE
         solved = linalg.lapack.dpotrs(factor, columns, lower=True)[0]
         first, last = solved[:, 0], np.zeros(len(apart))
         last[1:] = first[:0:-1]
@@ -417,14 +417,14 @@ def _of_plateaus(channel: Channel, rounding: float, coarse: bool) -> _PlateauNoi
     # bends, the end of a response or the beginning of one that was dated by itself, is no noise of a long memory, and a
     # memory as long as such bends could not be told from them.
     driven, dated = bool(channel.measured.any()), bool(channel.conditions.start_known.all())
-    of_early = 0 if dated and not driven else BENT
-    of_late = BENT if driven or airs_open(channel) else 2
+    of_early = 0 if dated and not driven else BEND_ORDER
+    of_late = BEND_ORDER if driven or airs_open(channel) else 2
     if coarse:
         pools = [_pool(early, 0, reject=False)] if early.size else []
     else:
         pools = [p for p in (_pool(early, of_early), _pool(late, of_late)) if p.count]
-    rests = (of_early < BENT and len(early) >= FEWEST_PIECES) or of_late < BENT
-    longest = LONGEST_MEMORY if rests else float(np.exp(-(BENT + 1) / early.shape[1]))
+    rests = (of_early < BEND_ORDER and len(early) >= FEWEST_PIECES) or of_late < BEND_ORDER
+    longest = LONGEST_MEMORY if rests else float(np.exp(-(BEND_ORDER + 1) / early.shape[1]))
     if sum(p.count for p in pools) < FEWEST_PIECES:
         return None
     found = _PlateauNoise(pools, 1.0, longest, 0.0, rounding if coarse else 0.0, channel.readings_per_sample)

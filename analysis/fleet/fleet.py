@@ -51,7 +51,7 @@ MOST_PLACES = 100  # at which a batch may begin
 LEAST_FOR_TRENDS = 8
 YEAR_S = 365.25 * 86400.0
 LEAST_SPAN_YEARS = 1.0 / 365.25
-SHARES = np.linspace(0.0, 0.99, 100)  # of what runs differ by, in all probes alike, that are tried
+COMMON_SHARES = np.linspace(0.0, 0.99, 100)  # of what runs differ by, in all probes alike, that are tried
 LEAST_COMMON_RUNS = 4  # of fewer, less than nothing is left beside the means that were fitted
 KEPT_OF_COMMON = 0.999  # of the variance that probes have in common, the rest counts as each one's own
 
@@ -247,14 +247,14 @@ def common_share(off: Array) -> float | None:
         return None
     middle = np.nanmean(off, axis=0)
     between, within = there * middle**2, np.nansum((off - middle) ** 2, axis=0)
-    share = SHARES[:, None]
+    share = COMMON_SHARES[:, None]
     first = 1.0 + (there - 1) * share
     variance = ((between / first + within / (1.0 - share)).sum(axis=1) / there.sum()).clip(1e-12)
     logs = -0.5 * there.sum() * np.log(variance) - 0.5 * (np.log(first) + (there - 1) * np.log(1.0 - share)).sum(axis=1)
-    prior = np.full(SHARES.size, 0.5 / (SHARES.size - 1))
+    prior = np.full(COMMON_SHARES.size, 0.5 / (COMMON_SHARES.size - 1))
     prior[0] = 0.5
     weight = prior * np.exp(logs - logs.max())
-    return float(weight @ SHARES / weight.sum())
+    return float(weight @ COMMON_SHARES / weight.sum())
 
 
 def _one_bench(group: Sequence[CampaignStatistics]) -> str:

@@ -33,9 +33,9 @@ Mask = NDArray[np.bool_]
 FALSE_DISCOVERIES = 0.05  # of the sensors that are said not to belong, how many may belong after all
 SPREAD_SCALE = 0.3  # half-Cauchy scale of a type's spread in a logarithm: makers sort out what differs by more
 COARSE, FINE = np.geomspace(1e-4, 3.0, 30), 30  # trial standard deviations, and how many between the likely ones
-NEGLIGIBLE = 1e-5
+NEGLIGIBLE_WEIGHT = 1e-5
 LEAST_SENSORS = 3  # from which a spread can be told from nothing
-CORE = 3.0  # robust standard deviations within which the first core lies
+CORE_SIGMAS = 3.0  # robust standard deviations within which the first core lies
 EXACT_UP_TO = 60  # sensors: each is left out and Sigma estimated again; beyond it one EM step is taken back
 WARM_STEPS = 20
 MOST_STEPS, STEP_ENDS = 400, 1e-5
@@ -296,7 +296,7 @@ def estimate(r: Reduced, start: Array, steps: int = MOST_STEPS) -> PopulationFit
     for k in range(size):
         trials = COARSE
         weight = _posterior(r, sigma, k, trials)
-        likely = np.flatnonzero(weight > NEGLIGIBLE * weight.max())
+        likely = np.flatnonzero(weight > NEGLIGIBLE_WEIGHT * weight.max())
         ends = max(likely[0] - 1, 0), min(likely[-1] + 1, trials.size - 1)
         trials = np.geomspace(trials[ends[0]], trials[ends[1]], FINE)
         weight = _posterior(r, sigma, k, trials)
@@ -398,7 +398,7 @@ def start_of(members: Members) -> tuple[Array, dict[str, Mask]]:
         robust = MAD_TO_SIGMA * float(np.median(away[there]))
         noise = float(np.median(spread[there, k]))
         sigma[k] = max(robust**2 - noise**2, 0.1 * robust**2, 1e-8)
-        near[one.channel] &= ~(there & (away > CORE * np.sqrt(sigma[k] + spread[:, k] ** 2)))
+        near[one.channel] &= ~(there & (away > CORE_SIGMAS * np.sqrt(sigma[k] + spread[:, k] ** 2)))
     for channel, mask in near.items():
         if mask.sum() < max(LEAST_SENSORS, 0.5 * n):
             near[channel] = np.ones(n, dtype=bool)

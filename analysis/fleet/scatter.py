@@ -29,8 +29,10 @@ from shockrig.files.fleet_file import RunScatter
 Array = NDArray[np.float64]
 
 TRIALS = scatters_tried()
-APART = np.linspace(0.02, 0.5, 25)  # of ln sigma from bench to bench, that are tried; at the last one nothing is shared
-MOST_DEGREES = 0.5 / APART[0] ** 2
+BENCH_SPREADS = np.linspace(
+    0.02, 0.5, 25
+)  # of ln sigma from bench to bench, that are tried; at the last one nothing is shared
+MOST_DEGREES = 0.5 / BENCH_SPREADS[0] ** 2
 
 
 def scatter_cost(result: Characterization) -> tuple[float, ...]:
@@ -49,9 +51,9 @@ def scatter_of_benches(costs: Sequence[Array]) -> RunScatter | None:
     if not costs:
         return None
     likelihood = np.exp(-0.5 * np.array([one - one.min() for one in costs]))
-    logs = np.empty((APART.size, TRIALS.size))
-    foretold = np.empty((APART.size, TRIALS.size, TRIALS.size))
-    for k, degrees in enumerate(0.5 / APART**2):
+    logs = np.empty((BENCH_SPREADS.size, TRIALS.size))
+    foretold = np.empty((BENCH_SPREADS.size, TRIALS.size, TRIALS.size))
+    for k, degrees in enumerate(0.5 / BENCH_SPREADS**2):
         foretold[k] = np.array([_of_one(TRIALS, s, degrees) for s in TRIALS])
         logs[k] = np.log(np.maximum(likelihood @ foretold[k].T, 1e-300)).sum(axis=0) - 0.5 * prior_cost(TRIALS)
     weight = np.exp(logs - logs.max())

@@ -27,8 +27,8 @@ from shockrig.files.fleet_file import BENCH, SENSOR, SEVERAL, TYPE, FleetCause, 
 
 Array = NDArray[np.float64]
 
-MOST = 0.5  # of the sensors: more than so many
-SPREADS = (np.arange(200) + 0.5) / 200.0  # quantiles of a type's spread that are tried
+MAJORITY = 0.5  # of the sensors: more than so many
+SPREAD_QUANTILES = (np.arange(200) + 0.5) / 200.0  # quantiles of a type's spread that are tried
 
 
 @dataclass(frozen=True)
@@ -82,13 +82,13 @@ def _judged(channel: str, alike: frozenset[str], seen: Sequence[DiagnosedProbe])
     common = known and all(one.common for one in parameters.values())
     if len(carriers) == 1:
         whose = SENSOR
-    elif len(carriers) > MOST * len(all_):
+    elif len(carriers) > MAJORITY * len(all_):
         # One bench with one value may be what it does; other benches do not do the same by accident.
         one_bench = len({one.bench or one.campaign for one in seen}) == 1
         whose = BENCH if one_bench and common else TYPE if known or not one_bench else SEVERAL
     else:
         beside = [one for one in seen if one.campaign in campaigns]
-        together = len(campaigns) == 1 and len(beside) >= LEAST_SENSORS and len(having) > MOST * len(beside)
+        together = len(campaigns) == 1 and len(beside) >= LEAST_SENSORS and len(having) > MAJORITY * len(beside)
         whose = BENCH if together and common else SEVERAL
     fits = [effect for effect in alike if whose == SEVERAL or _of_surroundings(effect) == (whose == BENCH)] or list(
         alike
@@ -125,7 +125,7 @@ def _shared(values: Sequence[Uncertain]) -> SharedParameter:
     variance = max((Q - (n - 1)) / (weight.sum() - (weight @ weight) / weight.sum()), 0.0)
     weight = 1.0 / (u**2 + variance)
     of_mean = Uncertain(float(weight @ x / weight.sum()), float(weight.sum() ** -0.5))
-    type_has = SPREAD_SCALE * math.sqrt(float(np.mean(x**2))) * np.tan(0.5 * np.pi * SPREADS)
+    type_has = SPREAD_SCALE * math.sqrt(float(np.mean(x**2))) * np.tan(0.5 * np.pi * SPREAD_QUANTILES)
     scattering = np.logaddexp.reduce([_restricted(x, u, spread) for spread in type_has]) - math.log(type_has.size)
     return SharedParameter(of_mean, math.sqrt(variance), bool(_restricted(x, u, 0.0) >= scattering))
 

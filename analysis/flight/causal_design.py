@@ -38,7 +38,7 @@ from shockrig.analysis.physics.modes import Modes, slowest
 from shockrig.files.errors import InputError
 from shockrig.files.profile import HumidityProfile, Profile, TemperatureProfile
 from shockrig.files.profile_data import NOISE_K, NOISE_PERCENT
-from shockrig.files.ranges import LIKELY, RANGES
+from shockrig.files.ranges import LIKELY_RANGES, RANGES
 
 Array = NDArray[np.float64]
 MOST_MODES = 4  # of the body: faster ones follow within a row at 10 Hz, and the last carries their weight
@@ -223,7 +223,7 @@ def _bead(part: TemperatureProfile, body: str, period: float, given: float | Non
         np.array(BEAD_RANGE_C),
         (-np.inf, np.inf),
         "temperature_c",
-        LIKELY["swing_k"].high,
+        LIKELY_RANGES["swing_k"].high,
         TEMPERATURE_LADDER,
     )
 
@@ -260,7 +260,7 @@ def _film(part: HumidityProfile, body: str, period: float, given: float | None, 
         np.array([low, *(row.ambient_temperature_c for row in part.diffusivity_table), high]),
         (low, high),
         "humidity_reading_percent",
-        LIKELY["swing_percent"].high,
+        LIKELY_RANGES["swing_percent"].high,
         HUMIDITY_LADDER,
     )
 

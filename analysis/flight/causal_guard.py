@@ -13,7 +13,15 @@ import numpy as np
 
 from shockrig.analysis.flight.causal_design import ChannelDesign
 from shockrig.analysis.flight.screen import FEWEST_CHANGES, LONE_SIGMAS, SPIKE_STEPS
-from shockrig.analysis.flight.stretches import BY_CHANCE, LOUDER, MOST_SHARE, NORM_1, NORM_3, STUCK_LEVELS, WHITE_SHARE
+from shockrig.analysis.flight.stretches import (
+    BURST_FACTORS,
+    BY_CHANCE,
+    MOST_SHARE,
+    NORM_1,
+    NORM_3,
+    STUCK_LEVELS,
+    WHITE_SHARE,
+)
 from shockrig.analysis.flight.sweep import COARSE_IN_NOISE
 from shockrig.files.sentinels import CODES, LEAST_JUMP
 
@@ -179,7 +187,7 @@ class Guard:
     def _bursting(self) -> float:
         """Noise of the last few rows over the flight's, 1 where it is not far more."""
         times = self.burst[0] / self._usual(self.usual)
-        limit = LOUDER[15]
+        limit = BURST_FACTORS[15]
         loud = min(max(times / limit - 1.0, 0.0), 1.0) * self._white(self.burst)
         return 1.0 + loud * (times - 1.0)
 

@@ -265,7 +265,7 @@ SURE_SIGMAS = 4.0  # standard errors from which a time scale counts as wrong
 WHITE_VARIANCE = 0.05  # variance of a layer's mean beside it, in units of turbulence between neighbouring layers
 BEYOND_STATED = 3.0  # times what the profile states
 EXPLAINED_SHARE = 0.2  # of the difference's variance; less is the air's own, which changes between the two ways
-MOST = 1.0
+MOST_SLOWER = 1.0
 LARGEST_STEP = 0.5
 WORSE_RATIO = 1.02  # times what ascent and descent of the readings differ by
 SURE_BESIDE_AIR = 3.0  # the same where all that the air may have moved counts as error
@@ -406,7 +406,7 @@ def compared(
                 f"{both.corrected:.2g} {unit} corrected ({both.low_m:.0f} to {both.high_m:.0f} m)"
             )
             stated = _stated(channel)
-            wrong = min(abs(both.slower), MOST)
+            wrong = min(abs(both.slower), MOST_SLOWER)
             sure = wrong > SURE_SIGMAS * both.slower_error and both.explained > EXPLAINED_SHARE
             if sure and wrong > BEYOND_STATED * stated and both.agree_better:
                 notes.append(
@@ -455,7 +455,7 @@ def _owned(flight: Flight, bead: FlightChannel, channel: FlightChannel, notes: l
 
 
 def _way(slower: float) -> str:
-    return f"{100 * min(abs(slower), MOST):.0f} % {'slower' if slower > 0 else 'faster'}"
+    return f"{100 * min(abs(slower), MOST_SLOWER):.0f} % {'slower' if slower > 0 else 'faster'}"
 
 
 def told(flight: Flight, bead: FlightChannel, film: FlightChannel, before: Told | None = None) -> Told | None:

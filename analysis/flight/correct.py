@@ -55,7 +55,7 @@ from shockrig.files.errors import InputError
 from shockrig.files.flight import FLAGS, Corrected, Flight
 from shockrig.files.profile import Profile
 from shockrig.files.profile_data import NOISE_K, NOISE_PERCENT
-from shockrig.files.ranges import LIKELY, RANGES
+from shockrig.files.ranges import LIKELY_RANGES, RANGES
 
 Array = NDArray[np.float64]
 PARTED_S = 2.0 * LONGEST_BRIDGE_S
@@ -220,7 +220,7 @@ def _temperature(
         unsure = unsure_of_airspeed(partial(bead_response, part, body=body), stream, airspeed_doubt(flight))
         response = bead_response(part, stream, body).slower(0.0, unsure)
     share = 1.0 if response is None else largest_share(response, period)
-    possible, swing = RANGES["temperature_c"], LIKELY["swing_k"].high
+    possible, swing = RANGES["temperature_c"], LIKELY_RANGES["swing_k"].high
     felt = felt_by_film(flight, profile.humidity)
     screened = screen(
         time_s, raw, possible, noise, limit=ceiling(effects), stale=old, share=share, swing=swing, felt=felt

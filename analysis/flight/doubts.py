@@ -16,7 +16,7 @@ from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S, REFERE
 from shockrig.files.flight import Flight
 from shockrig.files.numbers import counted
 from shockrig.files.profile import HumidityProfile, Profile, ResponseTime
-from shockrig.files.ranges import LIKELY, RANGES
+from shockrig.files.ranges import LIKELY_RANGES, RANGES
 
 Array = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ def _time_doubts(channel: str, of: str, response: LagResponse, stated: ResponseT
     since = np.geomspace(1e-3, 1e2, 2000) * float(-np.sum(modes.amplitude / modes.rate))
     shown = 1.0 + np.exp(-np.outer(since, modes.rate)) @ modes.amplitude
     t63_s = float(since[np.argmax(shown >= 1.0 - np.exp(-1.0))])
-    possible = LIKELY["response_s"]
+    possible = LIKELY_RANGES["response_s"]
     if not possible.holds(t63_s):
         return [f"{channel}: {of} makes a sensor with 63 % in {t63_s:.2g} s; expected {possible} s"]
     if stated is not None and abs(np.log(t63_s / stated.t63_s)) > np.log(TIME_RATIO):
@@ -82,7 +82,7 @@ def _table_doubts(film: HumidityProfile) -> list[str]:
                 f"humidity: D at {at_c[k]:g} degC is {np.exp(abs(off)):.2g} times {'more' if off > 0 else 'less'} than "
                 "the rows beside it let expect"
             )
-    possible = LIKELY["activation_j_mol"]
+    possible = LIKELY_RANGES["activation_j_mol"]
     energy = -GAS_CONSTANT * np.diff(ln_d) / np.diff(x)
     unsure = DOUBT_SIGMAS * GAS_CONSTANT * np.hypot(sigma[1:], sigma[:-1]) / np.abs(np.diff(x))
     wrong = (energy + unsure < possible.low) | (energy - unsure > possible.high)

@@ -59,7 +59,7 @@ from shockrig.files.flight import Flight
 from shockrig.files.numbers import counted
 from shockrig.files.profile import HumidityProfile
 from shockrig.files.profile_data import NOISE_PERCENT
-from shockrig.files.ranges import LIKELY, RANGES
+from shockrig.files.ranges import LIKELY_RANGES, RANGES
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -379,7 +379,7 @@ def _screened(
         limit=ceiling(effects),
         stale=stale(effects, time_s, raw, period),
         share=1.0 if response is None else largest_share(response, period),
-        swing=LIKELY["swing_percent"].high,
+        swing=LIKELY_RANGES["swing_percent"].high,
         lagging=None if air is None else raw * saturation_pressure_hpa(air) / saturation_pressure_hpa(REFERENCE_C),
     )
 

@@ -22,7 +22,7 @@ from shockrig.analysis.flight.stretches import FELT_SHARE, TO_SIGMA, Felt, judge
 from shockrig.analysis.flight.sweep import COARSE_IN_NOISE
 from shockrig.files.flight import Flight
 from shockrig.files.numbers import counted
-from shockrig.files.ranges import LIKELY, RANGES, Range
+from shockrig.files.ranges import LIKELY_RANGES, RANGES, Range
 from shockrig.files.sentinels import coded
 
 Array = NDArray[np.float64]
@@ -61,7 +61,7 @@ def without_codes(flight: Flight) -> tuple[Flight, dict[str, Mask]]:
         values = getattr(flight, name)
         if values is None:
             continue
-        known = {**RANGES, **LIKELY}
+        known = {**RANGES, **LIKELY_RANGES}
         ends = (known[possible].low, known[possible].high) if possible else (-np.inf, np.inf)
         codes = coded(quantity, values, *ends)
         if codes:
@@ -274,7 +274,7 @@ REPEATED_SHARE = 0.5
 FEWEST_LEVELS = 20
 ENOUGH_SHARE, ON_A_STEP = 0.75, 10.0  # of the readings, on levels that hold so many each: these are steps, however few
 OFF_GRID = 0.05  # of a step, that rounded steps add up to
-EXACTLY = 1e-6  # of a step, that a log's digits are off its grid
+GRID_ROUNDING = 1e-6  # of a step, that a log's digits are off its grid
 BY_CHANCE_ON_GRID = 1e-3  # probability that levels of finer steps lie there
 BESIDE_ONE_ANOTHER = 0.5  # of the lines between the lowest and the highest of these few are held
 LATEST_S = 1e13  # since 1970 it is 2e9 s; beyond this a double's steps are no longer milliseconds
@@ -691,7 +691,7 @@ def _beyond_chance(levels: Array, step: float, counts: NDArray[np.int64]) -> boo
     """Whether more levels than chance explains lie exactly on the grid through the one with most readings, if the log's
     steps were finer."""
     line = (levels - levels[np.argmax(counts)]) / step
-    exact = int(np.count_nonzero(np.abs(line - np.round(line)) < EXACTLY)) - 1
+    exact = int(np.count_nonzero(np.abs(line - np.round(line)) < GRID_ROUNDING)) - 1
     share = float(np.quantile(np.diff(levels), 0.05, method="lower")) / step
     if share >= ENOUGH_SHARE:
         return False

@@ -39,9 +39,9 @@ LOOK_BACK, LOOK_AHEAD = 60, 150  # samples that a jump's place is judged by
 APART_SAMPLES = 5  # samples
 TINY_SHARE = 1e-3  # of a reading's variance, that the others leave of it at least
 COMPARABLE_SHARE = 0.5  # of the largest score within LOOK_BACK
-STEPS = (-1, 0, 1)  # samples about the one found
+NEIGHBOURS = (-1, 0, 1)  # samples about the one found
 WIDEST_IN_NOISE = 1e4  # times the noise: beyond, a double's digits do not reach from one to the other
-FINER = (-0.075, -0.05, -0.025, 0.0, 0.025, 0.05, 0.075)  # about the best of them
+BETWEEN_SAMPLES = (-0.075, -0.05, -0.025, 0.0, 0.025, 0.05, 0.075)  # about the best of them
 SETTLED_LAGS = 4.0  # time constants after which a jump's place no longer shows
 LONGEST_HIDDEN = 10  # samples
 RAMP_SAMPLES = (2, 4, 7, 12, 20)  # samples: half of what a change may take that looks like a jump
@@ -219,12 +219,14 @@ class JumpTrials:
         """One of those that were tried with its one jump at places about where it is, as far as it may be."""
         one, (low, high) = self.tried[number], self.bounds[number]
         there = (one.variance != self.known.variance[self.nodes]).any(axis=1)
-        places = np.unique(np.clip(one.place[there] + np.array(FINER), low, high)) if low < high else np.zeros(0)
+        places = (
+            np.unique(np.clip(one.place[there] + np.array(BETWEEN_SAMPLES), low, high)) if low < high else np.zeros(0)
+        )
         return [Jumps(one.variance, np.where(there, place, one.place)) for place in places.tolist()]
 
     def add_around(self, near: int, size: Array, period_s: float) -> None:
         """Jumps of the air, of its slope, and ramps about a node."""
-        for beside in STEPS:
+        for beside in NEIGHBOURS:
             for place in PLACES_IN_STEP:
                 self.add((near + beside, 0, size[0], place))
             self.add((near + beside, 1, size[1], 0.5))

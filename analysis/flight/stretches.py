@@ -23,7 +23,7 @@ MOST_SHARE = 0.6  # of a step of the air that a sensor shows from one row to the
 ROW_PHASES = 4  # at which the rows may meet the response to a step
 LONGEST_ROWS = 2000
 WINDOW_ROWS = 15  # rows that a stretch's noise is judged by
-LOUDER = {WINDOW_ROWS: 3.0, 5: 8.0}  # times the usual, in so many rows: a burst
+BURST_FACTORS = {WINDOW_ROWS: 3.0, 5: 8.0}  # times the usual, in so many rows: a burst
 LEFT_SHARE = 0.1  # of a burst's noise, that its other readings show without the loudest
 FELT_SHARE = 0.25  # of what readings scatter by, that a sensor beside them felt at most: they are noise
 ALIVE_SHARE = 0.3  # of that sensor's own noise, that it shows at least: one that is stuck feels nothing
@@ -156,7 +156,7 @@ def judge(
         # without its loudest readings what is left of a burst is more quiet than it was; of a few absurd ones nothing
         every = np.flatnonzero(spikes | (believed & ~found.from_elsewhere & ~found.stuck))
         also = _burst(reading, every, usual, felt)
-        rest = np.maximum(*(scatter(values, window) for window in LOUDER))
+        rest = np.maximum(*(scatter(values, window) for window in BURST_FACTORS))
         also[np.interp(every, rows, rest) < LEFT_SHARE * also] = 0.0
         found.louder[every] = np.maximum(found.louder[every], also / noise)
     np.maximum(found.louder, 1.0, out=found.louder)
@@ -209,7 +209,7 @@ def _louder(values: Array, usual: float, least: Callable[[int], Array] | None = 
     """Noise (n,) of readings in bursts, far above the `usual` and above the `least` of a window; 0
     elsewhere."""
     louder = np.zeros(values.size)
-    for window, times in LOUDER.items():
+    for window, times in BURST_FACTORS.items():
         third = scatter(values, window)
         loud = third > times * usual
         if least is not None:

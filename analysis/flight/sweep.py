@@ -200,7 +200,7 @@ def inflation(surprise: Array) -> Array:
 COARSE_IN_NOISE = 2.0  # times the noise: finer steps are noise like any other
 MOST_ROUNDS = 30
 NEWTON_DAMPING = 0.7  # of each round's step, halved where the rounds do not come to rest: neighbours say the same thing
-SLOWER = 0.7  # of what the round before moved it by: more is no coming to rest
+SETTLING_FACTOR = 0.7  # of what the round before moved it by: more is no coming to rest
 AT_REST = 0.02  # of a step, that a round moves the sensor by
 SHARPEST_SIGMA = 0.1  # of a step
 REACH_IN_NOISE = 2.0  # times the noise
@@ -223,7 +223,7 @@ def propagated(
         before = found.clean
         if moved < AT_REST:
             break
-        if moved > SLOWER * last:
+        if moved > SETTLING_FACTOR * last:
             damping *= 0.5
         precision, shift = 1.0 / site_variance[seen], site[seen] / site_variance[seen]
         own = np.maximum(found.clean_variance[seen], 1e-12 * step[seen] ** 2)

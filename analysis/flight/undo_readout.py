@@ -353,9 +353,9 @@ def not_known(effects: Sequence[Acting]) -> float:
 
 TRACK_SMOOTHED_S = 5.0  # over which a track's own noise is no way that was flown
 CLIMB_STEP_S = 1.0  # between vertical speeds, where the altitude is new as often
-ROUGHNESS = tuple(4.0**k for k in range(-4, 9))  # weights of bends against noise, between which a track decides
-TURNS = 15  # rounds of weights, after which turns stand where they are
-SHARPEST = 1e-3  # of the usual bend: what counts as none
+BEND_WEIGHTS = tuple(4.0**k for k in range(-4, 9))  # weights of bends against noise, between which a track decides
+TURN_ROUNDS = 15  # rounds of weights, after which turns stand where they are
+NO_BEND = 1e-3  # of the usual bend: what counts as none
 FEWEST_SPEEDS = 5
 
 
@@ -394,7 +394,7 @@ def _straight(values: Array) -> Array:
     """An even series (n,) without its noise: straight between bends."""
     waves = (2.0 - 2.0 * np.cos(np.pi * np.arange(values.size) / values.size)) ** 2  # what a spline damps
     tried = []
-    for weight in ROUGHNESS:
+    for weight in BEND_WEIGHTS:
         smooth = _bent(values, np.full(values.size - 2, weight))
         left = 1.0 - float(np.mean(1.0 / (1.0 + weight * waves)))
         square = float(np.mean((values - smooth) ** 2))
@@ -404,8 +404,8 @@ def _straight(values: Array) -> Array:
     usual = float(bends.mean())
     if noise <= 0.0 or usual <= 0.0:
         return values
-    for _ in range(TURNS):
-        smooth = _bent(values, noise / (usual * np.maximum(bends, SHARPEST * usual)))
+    for _ in range(TURN_ROUNDS):
+        smooth = _bent(values, noise / (usual * np.maximum(bends, NO_BEND * usual)))
         bends = np.abs(np.diff(smooth, 2))
     return smooth
 

@@ -20,7 +20,7 @@ from shockrig.analysis.flight.sweep import lags_behind
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-BLOCKS = 10  # of the flight, each with a slope of its own
+SLOPE_BLOCKS = 10  # of the flight, each with a slope of its own
 APART_S = 3.0  # over which changes of vapour and temperature are compared
 FEWEST_BLOCKS = 4  # that tell of it
 MOVED_SIGMAS = 2.0  # of what the temperature is unsure by, that it moves at least in a block that tells
@@ -71,8 +71,8 @@ def goes_with(readings: FlightReadings, lagged: Array, sigma_k: float) -> tuple[
     lag = max(int(round(APART_S / period)), 1)
     known = readings.usable[lag:] & readings.usable[:-lag] & (time_s[lag:] - time_s[:-lag] < 2.0 * lag * period)
     y, x = ((values[lag:] - values[:-lag])[known] for values in (readings.reading, lagged))
-    block = (np.arange(known.size) * BLOCKS // known.size)[known]
-    along, square, count = (np.bincount(block, values, BLOCKS) for values in (x * y, x * x, np.ones(x.size)))
+    block = (np.arange(known.size) * SLOPE_BLOCKS // known.size)[known]
+    along, square, count = (np.bincount(block, values, SLOPE_BLOCKS) for values in (x * y, x * x, np.ones(x.size)))
     moved = np.sqrt(square / np.maximum(count, 1.0))
     some = (count > 0) & (moved > MOVED_SIGMAS * sigma_k)
     if np.count_nonzero(some) < FEWEST_BLOCKS:

@@ -28,7 +28,7 @@ WANDER_M_S, LEAST_FAST_PASS_M = 0.3, 2.0
 FASTEST_SHARE = 0.1  # of a track's time, by whose speed it counts as fast
 FEWEST_BINS = 24
 OUTLIER_SIGMAS = 6.0  # of the readings around: a reading further from their median is not one
-AROUND = 7  # readings of which that is the median
+MEDIAN_READINGS = 7  # readings of which that is the median
 
 
 @dataclass(frozen=True)
@@ -290,10 +290,10 @@ def _without_outliers(values: Array) -> Array:
     from scipy.ndimage import median_filter
 
     good = np.isfinite(values)
-    if good.sum() < AROUND:
+    if good.sum() < MEDIAN_READINGS:
         return values
     kept = values[good]
-    off = np.abs(kept - median_filter(kept, AROUND, mode="nearest"))
+    off = np.abs(kept - median_filter(kept, MEDIAN_READINGS, mode="nearest"))
     spread = TO_SIGMA * float(np.median(off[off > 0])) if (off > 0).any() else 0.0
     usual = np.maximum(median_filter(off, 101, mode="nearest"), spread)
     out = values.copy()

@@ -27,10 +27,10 @@ SCATTERS = (0.07, 0.15, 0.3)  # of a parameter from flight to flight, in its own
 USUAL_SCATTER, SCATTER_SPREAD = 0.07, 0.7  # before any flight: in that unit, and of its logarithm
 FIRST_FLIGHTS, BEST_STARTS = 2, 2  # on which starts are tried, and how many of them go on
 FEW_STEPS = 5  # from each start, to see which leads furthest
-AGREE = 0.1  # of a parameter's spread: starts that have come so near to one another lead to one summit
+SAME_SUMMIT = 0.1  # of a parameter's spread: starts that have come so near to one another lead to one summit
 HOPELESS_NATS = 20.0  # behind the best after these steps
 ENOUGH_NATS, ENOUGH_OF_EACH = 0.1, 0.01  # that the next step would gain, and of each unit where there are many
-DIFFERENCE = 1e-3  # of a parameter's spread, over which slopes are taken
+SLOPE_STEP = 1e-3  # of a parameter's spread, over which slopes are taken
 LEAST_DAMPING, MOST_DAMPING = 1e-3, 1e4  # of information, in a step
 LONGEST_STEP = 1.5  # of a parameter or a size, in its own spread: at most in one step
 
@@ -264,7 +264,7 @@ def _slopes(laws: tuple[Law, ...], known: tuple[Known, ...], state: _State) -> l
     whole = []
     for one in state.found:
         which = [i for i, law in enumerate(_law_of(laws)) if law.channel in ("", one.data.channel)]
-        steps = tuple((known[i].name, DIFFERENCE * known[i].spread, known[i].parameter.log) for i in which)
+        steps = tuple((known[i].name, SLOPE_STEP * known[i].spread, known[i].parameter.log) for i in which)
         place = [*which, *range(len(known), len(known) + one.own.size)]
         slope, information = np.zeros(len(known) + one.own.size), np.eye(len(known) + one.own.size)
         information[: len(known)] = 0.0
@@ -386,7 +386,7 @@ def explored(
     spread = np.array([one.spread for one in known_of(laws, stated)])
     ends = tried[:1]
     for one in tried[1:]:
-        away = all(np.max(np.abs(one.theta - other.theta) / spread, initial=0.0) > AGREE for other in ends)
+        away = all(np.max(np.abs(one.theta - other.theta) / spread, initial=0.0) > SAME_SUMMIT for other in ends)
         if len(ends) < BEST_STARTS and away and one.total > tried[0].total - HOPELESS_NATS:
             ends.append(one)
     return ends

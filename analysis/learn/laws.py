@@ -386,11 +386,11 @@ _OF_FILM = (
         flown_as=BESIDE_BEAD,
     ),
 )
-_EVERY = (
+_ALL_LAWS = (
     _CLOCK,
     *_of_each("temperature", 4.0, "K", 0.7),
     *_of_each("humidity", 8.0, "%RH", 3.0),
     *_OF_BEAD,
     *_OF_FILM,
 )
-LAWS: Mapping[str, Law] = MappingProxyType({law.name: law for law in _EVERY})
+LAWS: Mapping[str, Law] = MappingProxyType({law.name: law for law in _ALL_LAWS})

@@ -34,12 +34,12 @@ from shockrig.files.learned import RivalModel
 
 Array = NDArray[np.float64]
 
-BINS = 128  # of a flight
+FLIGHT_BINS = 128  # of a flight
 FULL_RACE = 6  # flights on which all models race; more are weighed by the finalists alone
-FINALISTS = 2  # of each channel, beside nothing and one lag, and of both at once
+FINALIST_LAWS = 2  # of each channel, beside nothing and one lag, and of both at once
 FAR_BEHIND_NATS = 5.0  # on the flights of the race: what is so far behind there will not be ahead on all
-NAMED = 0.95  # probability from which a law is named
-POSSIBLE = 0.1  # probability from which it stands among what may be
+NAMED_FROM = 0.95  # probability from which a law is named
+POSSIBLE_FROM = 0.1  # probability from which it stands among what may be
 LAW_LOG_PRIOR = -2.5  # nats that a law beyond a lag has to gain
 USUAL_LAG_S = {"temperature": 4.0, "humidity": 8.0}  # that flights which say nothing leave possible
 UNLIKE_SPEEDS = 1.5  # ratio of the speeds of passes from which they are more than one
@@ -233,13 +233,13 @@ def learn(
         ),
         key=lambda row: -row[1],
     )
-    return FlightsLearned(used, left_out, found, position, clock >= NAMED, tuple(table[:12]))
+    return FlightsLearned(used, left_out, found, position, clock >= NAMED_FROM, tuple(table[:12]))
 
 
 def _passing_twice(flights: Mapping[str, Flight]) -> tuple[tuple[FlightBins, ...], dict[str, str]]:
     """Flights that pass the same air twice, and why the others do not."""
     left_out = {name: why for name, flight in flights.items() if (why := why_nothing(flight))}
-    used = tuple(binned(flight, name, BINS) for name, flight in flights.items() if name not in left_out)
+    used = tuple(binned(flight, name, FLIGHT_BINS) for name, flight in flights.items() if name not in left_out)
     alone = [one.name for one in used if len(one.passes) < 2]
     left_out |= {name: "it passes no air twice: an ascent needs its descent" for name in alone}
     used = tuple(one for one in used if one.name not in alone)
@@ -255,7 +255,7 @@ def clock_of(models: Sequence[tuple[Learned, ...]], weight: Array) -> tuple[floa
         (float(w), i) for i, (w, model) in enumerate(zip(weight, models, strict=True)) if CLOCK in _laws_of(model)
     ]
     probability = sum(w for w, _ in having)
-    if probability < POSSIBLE:
+    if probability < POSSIBLE_FROM:
         return probability, ()
     return probability, (FlightCause(CLOCK, probability, parameters_of(models[max(having)[1]][0], CLOCK)),)
 
@@ -320,7 +320,7 @@ def _likeliest(fits: Sequence[Learned], best: float = -np.inf) -> list[Learned]:
     likely = {i: float(one.predicted().sum()) for i, one in enumerate(fits)}
     best = max([best, *likely.values()])
     ranked = sorted(likely, key=lambda i: -likely[i])
-    return [fits[i] for i in ranked[:FINALISTS] if likely[i] > best - FAR_BEHIND_NATS]
+    return [fits[i] for i in ranked[:FINALIST_LAWS] if likely[i] > best - FAR_BEHIND_NATS]
 
 
 def _beside(laws: tuple[Law, ...], lag: Learned, stated: Mapping[str, tuple[float, float]] | None) -> list[Array]:
@@ -412,16 +412,16 @@ def judged(
     }
     nothing = float(sum(w for w, laws in zip(weight, mine, strict=True) if not laws))
     best = int(np.argmax(weight))
-    possible = sorted((law for law, p in probability.items() if p >= POSSIBLE), key=lambda law: -probability[law])
+    possible = sorted((law for law, p in probability.items() if p >= POSSIBLE_FROM), key=lambda law: -probability[law])
     causes = []
     for law in possible:
         holder = max((w, i) for i, (w, laws) in enumerate(zip(weight, mine, strict=True)) if law in laws)[1]
         causes.append(FlightCause(law, probability[law], parameters_of(part_of(models[holder]), law)))
     limit_s = float(np.exp(lag.theta[0] + 1.645 * np.sqrt(lag.covariance[0, 0])))
     any_lag = sum(p for law, p in probability.items() if law.lags is not None)
-    sure = [cause for cause in causes if cause.probability >= NAMED and len(cause.law.causes) == 1]
+    sure = [cause for cause in causes if cause.probability >= NAMED_FROM and len(cause.law.causes) == 1]
     why = ""
-    if nothing >= POSSIBLE and any_lag < NAMED and limit_s > USUAL_LAG_S[channel]:
+    if nothing >= POSSIBLE_FROM and any_lag < NAMED_FROM and limit_s > USUAL_LAG_S[channel]:
         verdict, why = "not identifiable", _why_open(used, units)
     elif nothing >= 0.5:
         verdict, causes = "adequate", []
@@ -436,7 +436,7 @@ def judged(
             values, before = rivals[laws].values, rivals[laws].probability
         rivals[laws] = RivalModel(laws, values, before + float(weight[i]))
     ranked = sorted(rivals.values(), key=lambda one: -one.probability)
-    kept = [one for k, one in enumerate(ranked) if k < 2 or one.probability >= POSSIBLE]
+    kept = [one for k, one in enumerate(ranked) if k < 2 or one.probability >= POSSIBLE_FROM]
     return ChannelLearned(
         channel, verdict, tuple(causes), tuple(kept), refuted, limit_s, why, fit, lag,
         read, off[id(lag)], off[id(fit)],

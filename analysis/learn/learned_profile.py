@@ -19,7 +19,7 @@ from shockrig.files.profile_data import BEAD_RADIUS_M, FILM_THICKNESS_M
 
 ROWS_K = 10.0  # between rows of a table of D over temperature
 BEYOND_K = 10.0  # colder and warmer than was flown, that the table goes on to
-LIKELIER = 0.5  # probability from which a cause's effect goes into the profile
+INTO_PROFILE_FROM = 0.5  # probability from which a cause's effect goes into the profile
 
 
 def stated_by(profile: Profile, temperature_c: float) -> dict[str, tuple[float, float]]:
@@ -143,7 +143,7 @@ def _effects(
         law = cause.law
         if law.flown_as in ("", BESIDE_BEAD) or law.lags is not None:
             continue
-        if cause.probability >= LIKELIER:
+        if cause.probability >= INTO_PROFILE_FROM:
             stated = _stated(cause, learned)
             entry = (CATALOGUE | OF_FLIGHT)[law.flown_as]
             if all(p.low <= stated[p.name].value <= p.high for p in entry.parameters if p.name in stated):

@@ -26,8 +26,8 @@ from shockrig.analysis.learn.laws import LAWS, SECOND, SHIFT, Law, LawParameter,
 from shockrig.analysis.learn.learn import (
     CLOCK,
     LAW_LOG_PRIOR,
-    NAMED,
-    POSSIBLE,
+    NAMED_FROM,
+    POSSIBLE_FROM,
     ChannelLearned,
     FlightsLearned,
     LearnedNumber,
@@ -129,7 +129,7 @@ def learn_pair(
         raise InputError("no flight has both sensors with passes through the same air; give logs of flights with both")
     units = {c: [_both(bins[0][n], bins[1][n], c) for n in names if all(b[n].has(c) for b in bins)] for c in shared}
     single = [{c: [prepared(own[one.bins.name], c) for one in units[c]] for c in shared} for own in bins]
-    clock = any(cause.probability >= POSSIBLE for found in alone for cause in found.position)
+    clock = any(cause.probability >= POSSIBLE_FROM for found in alone for cause in found.position)
     raced, lags = {}, {}
     for c in shared:
         progress(f"{c}: both sensors at once")
@@ -344,13 +344,13 @@ def _sensor(
         )  # fmt: skip
     probability, position = clock_of(mine, weight)
     if all(CLOCK not in _every_law(model) for model in mine):  # the pair was not asked
-        probability, position = NAMED * alone.position_named, alone.position
+        probability, position = NAMED_FROM * alone.position_named, alone.position
     table: dict[str, float] = {}
     for w, model in zip(weight, mine, strict=True):
         said = " + ".join(law.name for one in model for law in one.laws) or "nothing"
         table[said] = table.get(said, 0.0) + float(w)
     ranked = tuple(sorted(table.items(), key=lambda row: -row[1])[:12])
-    return FlightsLearned(alone.bins, alone.left_out, channels, position, probability >= NAMED, ranked)
+    return FlightsLearned(alone.bins, alone.left_out, channels, position, probability >= NAMED_FROM, ranked)
 
 
 def _apart(channel: str, fit: Learned) -> ChannelApart:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.plan.designs import Designs
-from shockrig.analysis.plan.evidence import REJECTED
+from shockrig.analysis.plan.evidence import REJECTED_FROM
 from shockrig.analysis.plan.information import nats
 from shockrig.analysis.plan.minutes import Airs, Minutes, airs_of, airs_of_run
 from shockrig.analysis.plan.precision import FEWEST_RUNS, UNKNOWN_SIGMA, Target
@@ -20,7 +20,7 @@ from shockrig.files.campaign import Campaign, Run
 Array = NDArray[np.float64]
 ANCHOR_EVERY = 6
 UNTOLD = float("nan")  # where nothing is expected of a run: it was not chosen for what it brings
-NEARLY = (
+NEARLY_BEST = (
     0.97  # of the best worth per minute: among these chance chooses, so that order and conditions do not go together
 )
 OPTIONS_SHOWN = 6
@@ -118,7 +118,7 @@ def choose_runs(
         best = max(rates, default=0.0)
         if best < 1e-5:
             break
-        m = int(rng.choice([m for m, rate in enumerate(rates) if rate >= NEARLY * best]))
+        m = int(rng.choice([m for m, rate in enumerate(rates) if rate >= NEARLY_BEST * best]))
         due = (number + len(chosen) + 1) % ANCHOR_EVERY == 0 and since + len(chosen) >= ANCHOR_EVERY - 1
         if designs.anchor is not None and due:
             m = designs.anchor
@@ -143,7 +143,7 @@ def _weighed(designs: Designs, m: int, so_far: _SoFar, bonus: float, minutes: Mi
             share += max(after - before, 0.0)
             expected[target.label] = float(np.sqrt(min(factors[k] * then[g], UNKNOWN_SIGMA**2)))
     told, have = np.array([pair[m] for pair in designs.pairs]), so_far.have
-    deciding = float((np.minimum(have + told, designs.needed) - np.minimum(have, designs.needed)).sum() / REJECTED)
+    deciding = float((np.minimum(have + told, designs.needed) - np.minimum(have, designs.needed)).sum() / REJECTED_FROM)
     best = float(told.max(initial=0.0))
     took = minutes.of(so_far.airs, designs.menu[m])
     return Choice(designs.menu[m], took, share + deciding + bonus, share, told_of_goals, best, expected)

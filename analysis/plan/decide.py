@@ -34,7 +34,7 @@ from shockrig.analysis.plan.decision import (
     missing,
 )
 from shockrig.analysis.plan.designs import Designs, menu_of
-from shockrig.analysis.plan.evidence import OLD_RUNS_POWER, REJECTED, student
+from shockrig.analysis.plan.evidence import OLD_RUNS_POWER, REJECTED_FROM, student
 from shockrig.analysis.plan.goals import QUANTITY_OF, Goals, Place, place_of, places
 from shockrig.analysis.plan.information import each_run, imagined, nats, rates_known
 from shockrig.analysis.plan.judged import ChannelLook, Verdict, diagnosed, extended, look_at
@@ -93,7 +93,7 @@ def _averaged(
     expected = np.zeros(len(shocks))
     for look in looks:
         if len(look.rivals) > 1 and look.problem is not None and look.verdict.dispute is not None and shocks:
-            now = np.array([x for x in look.verdict.against if x < REJECTED])
+            now = np.array([x for x in look.verdict.against if x < REJECTED_FROM])
             likely = np.exp(now.min() - now)
             told = [told_by(look, i, now, shocks) for i in range(len(look.rivals))]
             known = rates_known(look.problem.channel, shocks)

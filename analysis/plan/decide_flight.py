@@ -44,8 +44,8 @@ from shockrig.files.spelling import did_you_mean
 
 Array = NDArray[np.float64]
 
-BINS = 64  # of a candidate flight: as fine as two models of a sensor differ
-EVENLY = math.sqrt(12.0)  # range of what is spread evenly, over its standard deviation
+CANDIDATE_BINS = 64  # of a candidate flight: as fine as two models of a sensor differ
+RANGE_OVER_SIGMA = math.sqrt(12.0)  # range of what is spread evenly, over its standard deviation
 STEPS, BEGIN_DAMPING = 5, 1e-3  # towards the air that suits the other model best
 MOST_CANDIDATES = 3  # of a channel: the most probable, each against each
 ENDURANCE_MINUTES = 20.0  # of a usual multicopter
@@ -55,7 +55,7 @@ HOVER_S = 120.0  # twice the time that a stem or a housing usually takes
 LEVEL_S = 60.0  # out and back at one airspeed
 USUAL_HUMIDITY_PERCENT = 50.0
 USUAL_LAPSE_K_PER_M = 0.0065  # ISO 2533, where flights said nothing of temperature
-ROUNDED = 1e-6
+BOUND_ROUNDING = 1e-6
 DECISIVE_NATS = math.log(20.0)  # 20 to 1, at which `learn` names
 LEAST_NATS = 0.05  # of a flight that says anything
 SUNLIT = ("ventilated_warmth", "warm_die")
@@ -133,7 +133,7 @@ def candidates_of(channel: str, learned: LearnedChannel) -> tuple[SensorCandidat
         laws = tuple(_law(f"{where}.laws", channel, key) for key in one.laws)
         for parameter in (parameter for law in laws for parameter in law.parameters):
             value = one.values.get(parameter.name, math.nan)
-            slack = ROUNDED * (1.0 + abs(value))  # a fit ends at a bound, and is rounded
+            slack = BOUND_ROUNDING * (1.0 + abs(value))  # a fit ends at a bound, and is rounded
             if not parameter.low - slack <= value <= parameter.high + slack:
                 raise InputError(
                     f"{where}.values: {parameter.name} {value:g}; expected {parameter.low:g} to {parameter.high:g} "
@@ -241,7 +241,9 @@ def bins_along(time_s: Array, altitude_m: Array, airspeed_m_s: Array, learned: L
     temperature, humidity = learned.channels.get("temperature"), learned.channels.get("humidity")
     mean_c = temperature.mean if temperature and temperature.mean is not None else REFERENCE_TEMPERATURE_C
     percent = humidity.mean if humidity and humidity.mean is not None else USUAL_HUMIDITY_PERCENT
-    lapse = temperature.unit * EVENLY / float(np.ptp(learned.altitude_m)) if temperature else USUAL_LAPSE_K_PER_M
+    lapse = (
+        temperature.unit * RANGE_OVER_SIGMA / float(np.ptp(learned.altitude_m)) if temperature else USUAL_LAPSE_K_PER_M
+    )
     unknown = np.full(time_s.size, np.nan)
     flight = Flight(
         time_s=time_s,
@@ -252,7 +254,7 @@ def bins_along(time_s: Array, altitude_m: Array, airspeed_m_s: Array, learned: L
         pressure_hpa=unknown,
         altitude_m=altitude_m,
     )
-    return binned(flight, "the next flight", BINS)
+    return binned(flight, "the next flight", CANDIDATE_BINS)
 
 
 def planned_data(bins: FlightBins, channel: str, learned: LearnedFile) -> FlightChannelData:
@@ -272,7 +274,7 @@ def planned_sizes(bins: FlightBins, channel: str, learned: LearnedFile) -> Array
 def usual_line(bins: FlightBins, learned: LearnedFile) -> float:
     """Variance of the slope's column of a flight's air: as steep as readings are that spread evenly over altitudes."""
     higher = float(np.ptp(bins.within_altitudes)) / float(np.ptp(learned.altitude_m))
-    return (EVENLY / 2.0 * higher / UNKNOWN) ** 2
+    return (RANGE_OVER_SIGMA / 2.0 * higher / UNKNOWN) ** 2
 
 
 def expected_nats(bins: FlightBins, channel: str, learned: LearnedFile, candidates: Sequence[SensorCandidate]) -> float:

@@ -14,7 +14,7 @@ from shockrig.analysis.characterize.result import ChannelResult, Characterizatio
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName
 from shockrig.analysis.fleet.fleet_prior import WithFleet
 from shockrig.analysis.fleet.statistics import LEAST_VARIANCE, film
-from shockrig.analysis.plan.evidence import REJECTED, student
+from shockrig.analysis.plan.evidence import REJECTED_FROM, student
 from shockrig.analysis.plan.goals import Goals, Place
 from shockrig.analysis.plan.information import Information, information, rates_at, separations
 from shockrig.analysis.plan.judged import ChannelLook
@@ -201,5 +201,5 @@ def _deciding_ambients(looks: Mapping[Place, ChannelLook]) -> list[float]:
 def _still_needed(look: ChannelLook, rival: int) -> float:
     """ln E that is missing against a rival that still stands."""
     verdict = look.verdict
-    standing = [x for x in verdict.against if x < REJECTED]
-    return REJECTED - min(max(standing[rival], 0.0), REJECTED - 0.5)
+    standing = [x for x in verdict.against if x < REJECTED_FROM]
+    return REJECTED_FROM - min(max(standing[rival], 0.0), REJECTED_FROM - 0.5)

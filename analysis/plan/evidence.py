@@ -31,7 +31,7 @@ from shockrig.analysis.estimate.problem import Problem, posterior_scatter, prior
 
 Array = NDArray[np.float64]
 OLD_RUNS_POWER = 0.5  # power of the old runs' likelihood
-REJECTED = float(np.log(100.0))  # ln E from which an explanation is out
+REJECTED_FROM = float(np.log(100.0))  # ln E from which an explanation is out
 FEWEST_DEGREES = 4
 
 

@@ -29,7 +29,7 @@ from shockrig.analysis.plan.legs import (
 )
 from shockrig.files.errors import InputError
 from shockrig.files.mission import Command, Item, Mission
-from shockrig.files.ranges import LIKELY, Range
+from shockrig.files.ranges import LIKELY_RANGES, Range
 
 EARTH_RADIUS_M = 6_371_000.0
 # ArduCopter's WPNAV_SPEED_UP, WPNAV_SPEED_DN and WPNAV_SPEED take 0 to 10, 0 to 5 and 0 to 20 m/s; it ignores what is
@@ -85,12 +85,12 @@ class FlightPlan:
         for name, value, possible in (
             ("latitude", latitude, Range(-89.0, 89.0)),
             ("longitude", longitude, Range(-180.0, 180.0)),
-            ("altitude", altitude, LIKELY["altitude_m"]),
+            ("altitude", altitude, LIKELY_RANGES["altitude_m"]),
         ):
             if not possible.holds(value):
                 raise InputError(f"home: {name} {possible.refusal(value)}; give latitude, longitude, altitude")
-        if not LIKELY["altitude_m"].holds(self.ceiling_m):
-            raise InputError(f"ceiling_m {LIKELY['altitude_m'].refusal(self.ceiling_m)}")
+        if not LIKELY_RANGES["altitude_m"].holds(self.ceiling_m):
+            raise InputError(f"ceiling_m {LIKELY_RANGES['altitude_m'].refusal(self.ceiling_m)}")
         if self.end not in {"return", "land"}:
             raise InputError(f"end {self.end!r}: expected 'return' or 'land'")
         if not math.isfinite(self.heading_deg):

@@ -23,7 +23,7 @@ from shockrig.analysis.estimate.model import Model, Structure
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import ChannelName
-from shockrig.analysis.plan.evidence import REJECTED, Dispute, against, label_of, structure_of
+from shockrig.analysis.plan.evidence import REJECTED_FROM, Dispute, against, label_of, structure_of
 from shockrig.files.campaign import Campaign
 from shockrig.files.causes import StatedEffect, Uncertain
 
@@ -83,7 +83,7 @@ class Verdict:
     @property
     def standing(self) -> tuple[Explanation, ...]:
         """Explanations of the dispute that are not out."""
-        return tuple(e for e, out in zip(self.explanations, self.against, strict=True) if out < REJECTED)
+        return tuple(e for e, out in zip(self.explanations, self.against, strict=True) if out < REJECTED_FROM)
 
     @property
     def left(self) -> bool:
@@ -244,7 +244,7 @@ def _taken(found: ChannelOutcome, before: Verdict, final: bool, ready: Prepared)
     verdict, as_at_the_end = found.verdict, final or found.verdict in ("explained", "adequate")
     if not final and found.passed and verdict == "unexplained":
         verdict = "adequate" if all(map(is_described, found.stated)) else "explained"
-    newly = (tuple(e) for e, x in zip(before.explanations, before.against, strict=True) if x >= REJECTED)
+    newly = (tuple(e) for e, x in zip(before.explanations, before.against, strict=True) if x >= REJECTED_FROM)
     out = tuple(dict.fromkeys((*before.out, *(tuple(sorted(ids)) for ids in newly))))
     look = before.looks + 1
     over = () if before.dispute is None else ((before.dispute, before.against),)

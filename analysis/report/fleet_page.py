@@ -26,7 +26,7 @@ from shockrig.files.numbers import counted, measured, plain
 
 NOUN: dict[str, str] = {name: quantity.noun for name, quantity in QUANTITIES.items()}
 SYMBOL: dict[str, str] = {name: quantity.symbol for name, quantity in QUANTITIES.items()}
-NAMED = 5  # names in a sentence
+NAMES_SHOWN = 5  # names in a sentence
 OPEN_ROWS = 30  # of the table of sensors, that are shown without being asked for
 
 
@@ -40,7 +40,9 @@ def verdict(fleet: Fleet) -> str:
     }
     if strangers:
         names = [f"{name} ({' and '.join(by)})" for name, by in strangers.items()]
-        shown = ", ".join(names[:NAMED]) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
+        shown = ", ".join(names[:NAMES_SHOWN]) + (
+            f" and {len(names) - NAMES_SHOWN} more" if len(names) > NAMES_SHOWN else ""
+        )
         does, is_ = ("does", "is") if len(names) == 1 else ("do", "are")
         said.append(f"{shown} {does} not belong and {is_} left as measured.")
     else:
@@ -181,7 +183,7 @@ def _causes(fleet: Fleet) -> list[Block]:
             one.whose,
             measured(p.mean.value, p.mean.standard_uncertainty),
             "one value" if p.common else plain(p.spread, 2),
-            ", ".join(one.sensors[:NAMED]) + (" ..." if len(one.sensors) > NAMED else ""),
+            ", ".join(one.sensors[:NAMES_SHOWN]) + (" ..." if len(one.sensors) > NAMES_SHOWN else ""),
         )
         for one in fleet.causes
         for name, p in one.parameters.items()

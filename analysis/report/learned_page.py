@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 from shockrig.analysis.learn.bins import FlightBins
 from shockrig.analysis.learn.density import EDDY_M, EDDY_S, LAYER_SHARE, MOVED_M, MOVED_M_PER_H
 from shockrig.analysis.learn.laws import CAUSE_WORDS, LAWS, Law
-from shockrig.analysis.learn.learn import NAMED, POSSIBLE, ChannelLearned, FlightCause, FlightsLearned, LearnedNumber
+from shockrig.analysis.learn.learn import (
+    NAMED_FROM,
+    POSSIBLE_FROM,
+    ChannelLearned,
+    FlightCause,
+    FlightsLearned,
+    LearnedNumber,
+)
 from shockrig.analysis.learn.passes import Disagreement
 from shockrig.analysis.report.diagnosis_words import listed
 from shockrig.analysis.report.html import Block, Cell, Details, Figure, HtmlPage, KeyNumber, Section, Table, Text
@@ -25,7 +32,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 MOST_DRAWN = 4  # flights in a figure
-LOPSIDED = 0.5  # relative standard uncertainty from which a positive number is given with the ends of its interval
+INTERVAL_FROM = 0.5  # relative standard uncertainty from which a positive number is given with the ends of its interval
 LEAST_WEIGHT = 1e-3  # of a model that the table shows
 UNITS = {"temperature": "K", "humidity": "%RH"}
 AXES = {"temperature": "temperature, °C", "humidity": "relative humidity, %"}
@@ -43,7 +50,7 @@ LAW_WORDS = {
     "film_unlike_in_descent": "a film that is not as warm as the bead in descent",
 }
 # What tells causes apart that give the same readings in every flight that is analysed here.
-APART = {
+TELLS_APART = {
     "clock_offset": "a barometer beside a satellite altitude: a lagging pressure shows between the two",
     "second_path": "the sensor out of its housing, or a bench",
     "offset_in_descent": "the same sensor under a balloon, far from any rotor",
@@ -121,13 +128,13 @@ def _channel_sentence(channel: str, one: ChannelLearned) -> str:
         return f"{who} is adequate: these flights need nothing to explain how its passes differ but air that changed."
     if one.verdict == "not identifiable":
         return f"{who}'s lag cannot be identified from these flights: {one.why}."
-    certain = [cause for cause in one.causes if cause.probability >= NAMED]
-    unsure = [cause for cause in one.causes if cause.probability < NAMED]
+    certain = [cause for cause in one.causes if cause.probability >= NAMED_FROM]
+    unsure = [cause for cause in one.causes if cause.probability < NAMED_FROM]
     has = [f"has {listed([_with_numbers(cause) for cause in certain])}"] if certain else []
     # A model holds one kind of lag at most, so that the probabilities of several add up.
     lags = [cause for cause in unsure if cause.law.lags is not None]
     unsettled = []
-    if len(lags) > 1 and sum(cause.probability for cause in lags) >= NAMED:
+    if len(lags) > 1 and sum(cause.probability for cause in lags) >= NAMED_FROM:
         unsettled.append(f"lags by {_likely(lags, one)}")
         unsure = [cause for cause in unsure if cause not in lags]
     if unsure:
@@ -168,7 +175,7 @@ def _with_numbers(cause: FlightCause) -> str:
 def _number(one: LearnedNumber) -> tuple[str, str]:
     """Name and value of a law's number, as a person says them."""
     name = one.parameter.words
-    if one.parameter.log and one.standard_uncertainty > LOPSIDED * one.value:
+    if one.parameter.log and one.standard_uncertainty > INTERVAL_FROM * one.value:
         factor = float(np.exp(one.standard_uncertainty / one.value))
         return name, f"{between(one.value, one.value / factor, one.value * factor)} {one.unit}"
     scale, unit = {"1": (100.0, " %"), "1/K": (100.0, " % per K")}.get(one.unit, (1.0, f" {one.unit}"))
@@ -219,8 +226,9 @@ def _acting(learned: FlightsLearned) -> list[Block]:
     rows += [["altitude", word, *row] for cause in learned.position for row in _cause_rows(cause)]
     columns = ("of", "verdict", "what acts", "probability", "number", "value ± standard uncertainty")
     text = (
-        f"A probability is the sum of the weights of all models that contain it. It is named from {NAMED:g} on, and "
-        f"listed from {POSSIBLE:g} on. Its numbers are those under the likeliest model that contains it."
+        "A probability is the sum of the weights of all models that contain it. It is named from "
+        f"{NAMED_FROM:g} on, and listed from {POSSIBLE_FROM:g} on. Its numbers are those under the likeliest model "
+        "that contains it."
     )
     blocks: list[Block] = [Table(columns, rows), Text(text)]
     for channel, one in learned.channels.items():
@@ -245,14 +253,14 @@ def _left_open(learned: FlightsLearned, decides: Sequence[str]) -> list[Block]:
         rows += [
             [channel, f"whether there is {_law(cause.law)}", f"fly {cause.law.needs}"]
             for cause in causes
-            if cause.probability < NAMED
+            if cause.probability < NAMED_FROM
         ]
         if one is not None and one.verdict == "not identifiable" and not causes:
             rows.append([channel, "whether it lags", f"fly {one.lag.laws[0].needs}"])
         rows += [
             [channel, f"{_law(cause.law)}: {listed([_cause(key) for key in cause.law.causes], 'or')}", hint]
             for cause in causes
-            if len(cause.law.causes) > 1 and (hint := APART.get(cause.law.key))
+            if len(cause.law.causes) > 1 and (hint := TELLS_APART.get(cause.law.key))
         ]
     if not rows and not decides:
         return []

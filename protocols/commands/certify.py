@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from shockrig.analysis.characterize.response_times import ResponseAir
     from shockrig.files.certificate import Certificate
 
-NAMED = {
+PARTIES = {
     "laboratory": "name of the laboratory",
     "person": "name of the person responsible",
     "customer": "name of the customer",
@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="a reference's calibration certificate, repeatable (beside those that the bench file names)",
     )
-    for name, words in NAMED.items():
+    for name, words in PARTIES.items():
         parser.add_argument(f"--{name}", metavar="NAME", help=words)
     parser.add_argument("--country", metavar="CC", default="ZZ", help="of the laboratory, ISO 3166 (ZZ: not stated)")
     parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the differential evolution (0)")
@@ -113,7 +113,7 @@ def write(args: argparse.Namespace, out: Path, extend: Path | None, made_at: str
         }
         if extend is not None:
             provenance["extended_by"] = str(extend)
-        named = {name: value for name in NAMED if (value := getattr(args, name))}
+        named = {name: value for name in PARTIES if (value := getattr(args, name))}
         certificate = certified(
             result,
             air,

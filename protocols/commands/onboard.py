@@ -6,7 +6,7 @@ import argparse
 import tempfile
 from pathlib import Path
 
-ROWS = "rows.csv"  # a flight as the program reads it
+ROWS_FILE = "rows.csv"  # a flight as the program reads it
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -55,14 +55,14 @@ def main(args: argparse.Namespace) -> int:
         for name, text in sources.items():
             (folder / name).write_text(text, encoding="utf-8")
         if flight is not None:
-            (folder / ROWS).write_text(as_csv(flight), encoding="utf-8")
+            (folder / ROWS_FILE).write_text(as_csv(flight), encoding="utf-8")
         if flight is not None and cc is not None:
             with tempfile.TemporaryDirectory() as place:
                 program = build(folder, cc, Path(place))
                 measured = difference(run(program, flight), reference(design, flight))
         text = page(profile, design, args.profile.name, note, args.flight and args.flight.name, measured, why)
         (folder / "README.md").write_text(text, encoding="utf-8")
-    print(f"{args.out}: {', '.join([*sources, 'README.md', *([] if flight is None else [ROWS])])}")
+    print(f"{args.out}: {', '.join([*sources, 'README.md', *([] if flight is None else [ROWS_FILE])])}")
     print(f"  state: {state_bytes(design)} bytes; rows {design.period_s:g} s apart")
     if measured is None:
         print(f"  not compared with the reference: {why}")

@@ -15,7 +15,7 @@ from shockrig.rig.bench_errors import BenchError, BusError
 from shockrig.rig.chambers.limits import Limits
 from shockrig.rig.seams import Parts
 
-NONE = -1
+NO_REGISTER = -1
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,13 +28,13 @@ class ModbusSettings(Limits):
 
     port: str
     unit: int = 1
-    set_temperature: int = NONE
-    set_humidity: int = NONE
-    set_airflow: int = NONE
-    read_temperature: int = NONE
-    read_humidity: int = NONE
-    read_airflow: int = NONE
-    run: int = NONE
+    set_temperature: int = NO_REGISTER
+    set_humidity: int = NO_REGISTER
+    set_airflow: int = NO_REGISTER
+    read_temperature: int = NO_REGISTER
+    read_humidity: int = NO_REGISTER
+    read_airflow: int = NO_REGISTER
+    run: int = NO_REGISTER
     read_from: str = "input"
     scale_temperature: float = 0.1
     scale_humidity: float = 0.1
@@ -53,7 +53,7 @@ class ModbusSettings(Limits):
             raise BenchError(f"unit = {self.unit} must be from 0 to 247")
         for kind in ("set", "read"):
             for quantity in ("temperature", "humidity", "airflow"):
-                if not NONE <= getattr(self, f"{kind}_{quantity}") <= 0xFFFF:
+                if not NO_REGISTER <= getattr(self, f"{kind}_{quantity}") <= 0xFFFF:
                     raise BenchError(f"{kind}_{quantity} must be a register from 0 to 65535, or -1 for none")
         for quantity in ("temperature", "humidity", "airflow"):
             if not getattr(self, f"scale_{quantity}") > 0:
@@ -95,13 +95,13 @@ class ModbusDevice:
         if not self._ask(self._client.connect):
             raise self._lost("no connection")
         for quantity in ("temperature", "humidity", "airflow"):
-            if self._register("read", quantity) != NONE:
+            if self._register("read", quantity) != NO_REGISTER:
                 self.get(quantity)
                 break
 
     def has(self, quantity: str) -> bool:
         """Whether it has a register for that."""
-        return self._register("set", quantity) != NONE
+        return self._register("set", quantity) != NO_REGISTER
 
     def set(self, quantity: str, value: float) -> None:
         """Write a set point and read it back: a device may clip in silence."""
@@ -123,7 +123,9 @@ class ModbusDevice:
     def get(self, quantity: str) -> float | None:
         """What its register says."""
         register = self._register("read", quantity)
-        return None if register == NONE else self._read(self.settings.read_from, register) * self._scale(quantity)
+        return (
+            None if register == NO_REGISTER else self._read(self.settings.read_from, register) * self._scale(quantity)
+        )
 
     def close(self) -> None:
         """Switch it off, where it is there to hear it."""
@@ -135,7 +137,7 @@ class ModbusDevice:
             self._client = None
 
     def _switch(self, on: int) -> None:
-        if self.settings.run != NONE:
+        if self.settings.run != NO_REGISTER:
             self._demand(self._ask(self._client.write_register, self.settings.run, on), f"register {self.settings.run}")
 
     def _register(self, kind: str, quantity: str) -> int:

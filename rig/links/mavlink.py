@@ -20,7 +20,7 @@ ONBOARD_COMPUTER, PERIPHERAL, AUTOPILOT = 191, 158, 1  # MAV_COMPONENT
 FRESH_S = 2.0  # an autopilot's value that is older is none
 ASK_EVERY_S = 5.0
 STREAM_INTERVAL_US = 200_000
-WANTED = {"VFR_HUD": 74, "SCALED_PRESSURE": 29, "GLOBAL_POSITION_INT": 33}
+WANTED_MESSAGES = {"VFR_HUD": 74, "SCALED_PRESSURE": 29, "GLOBAL_POSITION_INT": 33}
 NAMES = ("T_air", "RH_air"), ("T_unc", "RH_unc"), ("T_read", "RH_read")
 LONGEST_TEXT = 50
 
@@ -139,7 +139,7 @@ class AutopilotListener:
         self._asked_s = now_s
         to = heartbeat.get_srcSystem(), heartbeat.get_srcComponent()
         command = self.end.messages.MAV_CMD_SET_MESSAGE_INTERVAL
-        for number in WANTED.values():
+        for number in WANTED_MESSAGES.values():
             self.end.put("command_long", *to, command, 0, number, STREAM_INTERVAL_US, 0, 0, 0, 0, 0)
 
     def at(self, now_s: float) -> Mapping[str, float]:

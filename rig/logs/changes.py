@@ -18,12 +18,12 @@ from scipy.ndimage import median_filter
 
 Array = NDArray[np.float64]
 
-WINDOW = 5  # blocks on either side
+BLOCKS_BESIDE = 5  # blocks on either side
 CHANGE_SIGMAS = 6.0  # of the noise: over a million readings and all scales less than one false change is expected
 WANDERING_TIMES = 10.0  # times what three in five departures from the cone at that scale keep below
 GOES_ON = 0.1  # of a departure, passed in the window before it, shows that the way had begun
 GRID_AT_MOST = 4_000_000
-PART = 100_000  # edges that are looked at together
+EDGES_AT_ONCE = 100_000  # edges that are looked at together
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def without_spikes(time_s: Array, value: Array, noise: float, least: float) -> t
 def find_changes(channel: LogPiece) -> tuple[ChangePoint, ...]:
     """All change points of a channel, in order of time."""
     time_s, value = channel.time_s, channel.value
-    if value.size < 2 * WINDOW + 2 or np.ptp(value) < channel.least:
+    if value.size < 2 * BLOCKS_BESIDE + 2 or np.ptp(value) < channel.least:
         return ()
     from scipy.signal import find_peaks  # takes longer to import than all the rest
 
@@ -95,23 +95,25 @@ def find_changes(channel: LogPiece) -> tuple[ChangePoint, ...]:
     width = period
 
     def edge_s(place: NDArray[np.intp], width: float) -> Array:
-        # The window around an edge i covers blocks i-WINDOW to i+WINDOW-1; its edge lies between two blocks.
-        return np.asarray(time_s[0] + width * (place + WINDOW) - 0.5 * period)
+        # Around an edge i are blocks i-BLOCKS_BESIDE to i+BLOCKS_BESIDE-1; its edge lies between two blocks.
+        return np.asarray(time_s[0] + width * (place + BLOCKS_BESIDE) - 0.5 * period)
 
     found: list[ChangePoint] = []
     taken = np.zeros(0)
-    while blocks.size >= 2 * WINDOW + 1:
+    while blocks.size >= 2 * BLOCKS_BESIDE + 1:
         departure, run_up = _departures(blocks)
         score = np.abs(departure)
-        noisy = CHANGE_SIGMAS * channel.noise * np.sqrt(14.0 / (WINDOW * width / period))
+        noisy = CHANGE_SIGMAS * channel.noise * np.sqrt(14.0 / (BLOCKS_BESIDE * width / period))
         score /= max(channel.least, noisy, WANDERING_TIMES * float(np.quantile(score, 0.6)))
         if taken.size:
             high = np.flatnonzero(score >= 1.0)
-            score[high[_nearest(edge_s(high, width), taken) < (WINDOW + 1) * width]] = 0.0
-        peaks, _ = find_peaks(np.concatenate([[0.0], score, [0.0]]), height=1.0, distance=WINDOW)
+            score[high[_nearest(edge_s(high, width), taken) < (BLOCKS_BESIDE + 1) * width]] = 0.0
+        peaks, _ = find_peaks(np.concatenate([[0.0], score, [0.0]]), height=1.0, distance=BLOCKS_BESIDE)
         edges = edge_s(peaks - 1, width)
         goes_on = run_up[peaks - 1] * np.sign(departure[peaks - 1]) > GOES_ON * np.abs(departure[peaks - 1])
-        found += [ChangePoint(float(at_s), WINDOW * width, bool(on)) for at_s, on in zip(edges, goes_on, strict=True)]
+        found += [
+            ChangePoint(float(at_s), BLOCKS_BESIDE * width, bool(on)) for at_s, on in zip(edges, goes_on, strict=True)
+        ]
         taken = np.sort(np.concatenate([taken, edges]))
         if blocks.size % 2:
             blocks = blocks[:-1]
@@ -128,18 +130,18 @@ def find_changes(channel: LogPiece) -> tuple[ChangePoint, ...]:
 
 def _departures(blocks: Array) -> tuple[Array, Array]:
     """`_departure` over all blocks, a part of them at a time: of a million each of its steps takes 8 MB."""
-    edges = blocks.size - 2 * WINDOW + 1
+    edges = blocks.size - 2 * BLOCKS_BESIDE + 1
     departure, run_up = np.empty(edges), np.empty(edges)
-    for first in range(0, edges, PART):
-        last = min(first + PART, edges)
-        departure[first:last], run_up[first:last] = _departure(blocks[first : last + 2 * WINDOW - 1])
+    for first in range(0, edges, EDGES_AT_ONCE):
+        last = min(first + EDGES_AT_ONCE, edges)
+        departure[first:last], run_up[first:last] = _departure(blocks[first : last + 2 * BLOCKS_BESIDE - 1])
     return departure, run_up
 
 
 def _departure(blocks: Array) -> tuple[Array, Array]:
     """How far the mean after each edge lies outside the cone that the line before it leaves open, and how far that line
     runs over its window."""
-    m = WINDOW
+    m = BLOCKS_BESIDE
     place = np.arange(m) - (m - 1) / 2.0
     level = np.correlate(blocks, np.full(m, 1.0 / m), "valid")
     slope = np.correlate(blocks, place / (place @ place), "valid")[:-m]

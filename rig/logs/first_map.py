@@ -22,7 +22,7 @@ from shockrig.rig.logs.text import Layout, Scan, scan
 
 WIDTH, LONGEST = 44, 120  # where comments stand, and how long a line may be
 MUCH_FASTER = 1.5  # that a sensor must be to be suggested as another's reference
-EVERY = 'time = "..." (every_s = 1.0, from row to row, where no column tells the time)'
+CLOCK_LINE = 'time = "..." (every_s = 1.0, from row to row, where no column tells the time)'
 UNIT_SHOWN = {"temperature": "degC", "humidity": "%RH"}
 
 
@@ -80,7 +80,7 @@ def _recognised(first: Scan) -> Guess:
         has = ", ".join(first.names)
         if not first.header_line:
             row, width = first.numbers[0], len(first.names)
-            when = f'time = "{guess.clock.columns[0]}"' if guess.clock is not None else EVERY
+            when = f'time = "{guess.clock.columns[0]}"' if guess.clock is not None else CLOCK_LINE
             raise BenchError(
                 f"{shown(first.path)}: no line of names is found above its first row, line {row}; write a map by hand, "
                 f'[log] header_line = 0, {when} and [sensor.NAME] temperature = "N", where columns are '
@@ -88,7 +88,7 @@ def _recognised(first: Scan) -> Guess:
             )
         raise BenchError(
             f"{shown(first.path)}: no column of {what} is recognised (it has: {has}); write a map by hand, [log] "
-            f'{EVERY} and [sensor.NAME] temperature = "...", as docs/importing.md shows'
+            f'{CLOCK_LINE} and [sensor.NAME] temperature = "...", as docs/importing.md shows'
         )
     return guess
 

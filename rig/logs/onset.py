@@ -21,11 +21,11 @@ LINE_READINGS = 10  # that tell how a channel was under way before a change
 FITTED_POINTS = 120  # of readings, or means of them, that a fit takes
 FEWEST_INDEPENDENT = 8.0  # independent ones that they count for at least
 STARTS, LAGS = 41, 13
-RATIOS = (0.0, 0.05, 0.15, 0.4, 0.99)  # of the second time constant to the first
+LAG_RATIOS = (0.0, 0.05, 0.15, 0.4, 0.99)  # of the second time constant to the first
 # A body that is warmed from its surface hides the start of it: the core of a sphere shows 1 % of the step only after a
 # fifth of its t63 (Carslaw and Jaeger 1959, eq. 9.3(5)), and is timed late by as much. Which body it is is not known.
 HIDDEN_SHARE = 0.2
-PAST = -700.0  # of an exponent: what is left is nothing, and numbers that underflow take four times as long
+LEAST_EXPONENT = -700.0  # of an exponent: what is left is nothing, and numbers that underflow take four times as long
 GOOD_FIT = 0.015  # rms of what the lags leave, as a share of the readings' range
 
 
@@ -178,7 +178,7 @@ def _posterior(time_s: Array, value: Array, starts_s: Array, lags_s: Array, nois
     n = time_s.size
     line = np.linalg.qr(np.column_stack([np.ones(n), time_s - time_s.mean()]))[0]
     rest = value - line @ (line.T @ value)
-    power = np.empty((starts_s.size, lags_s.size, len(RATIOS)))
+    power = np.empty((starts_s.size, lags_s.size, len(LAG_RATIOS)))
     along = np.empty(power.shape)
     for k, start_s in enumerate(starts_s):  # one by one: all of them together do not fit a processor's cache
         shapes = _shapes(time_s - start_s, lags_s, line)
@@ -204,14 +204,14 @@ def _posterior(time_s: Array, value: Array, starts_s: Array, lags_s: Array, nois
 
 
 def _shapes(since_s: Array, lags_s: Array, line: Array) -> Array:
-    """Step responses of two lags in series, the second `RATIOS` < 1 times the first, less what a line explains of them.
+    """Step responses of two lags in series, the second `LAG_RATIOS` < 1 times the first, less what a line explains.
 
     Of n moments since the start: (lags, ratios, n).
     """
-    since_s, first_s, ratio = np.maximum(since_s, 0.0), lags_s[:, None, None], np.array(RATIOS)[:, None]
-    slow = np.exp(np.maximum(-since_s / first_s, PAST))
+    since_s, first_s, ratio = np.maximum(since_s, 0.0), lags_s[:, None, None], np.array(LAG_RATIOS)[:, None]
+    slow = np.exp(np.maximum(-since_s / first_s, LEAST_EXPONENT))
     shapes = -since_s / np.maximum(first_s * ratio, 1e-12)
-    np.exp(np.maximum(shapes, PAST, out=shapes), out=shapes)
+    np.exp(np.maximum(shapes, LEAST_EXPONENT, out=shapes), out=shapes)
     shapes *= ratio
     np.subtract(slow, shapes, out=shapes)
     shapes /= 1.0 - ratio

@@ -21,7 +21,7 @@ from shockrig.rig.logs.windows import drifts, inside_run, on_the_way, settled_si
 
 Array = NDArray[np.float64]
 
-MEASURED = {
+AIR_COLUMNS = {
     "temperature": "temperature_c",
     "humidity": "humidity_percent",
     "airflow": "airflow_m_s",
@@ -138,8 +138,8 @@ def _run(
     facts = {**map_.facts, **(one.said.facts if one.said is not None else {})}
     for key in ("pressure", "airflow"):
         measured = values.get(key, np.zeros(0))
-        if np.isfinite(measured).any() and (one.said is None or MEASURED[key] not in one.said.facts):
-            facts[MEASURED[key]] = round(float(np.nanmedian(measured)), 2)
+        if np.isfinite(measured).any() and (one.said is None or AIR_COLUMNS[key] not in one.said.facts):
+            facts[AIR_COLUMNS[key]] = round(float(np.nanmedian(measured)), 2)
     started_at = None
     if log.clock.is_dated:
         started_at = datetime.fromtimestamp(round(log.origin_s + zero_s, 6), UTC).isoformat().replace("+00:00", "Z")
@@ -182,7 +182,7 @@ def _columns(values: Mapping[str, Array], time_s: Array) -> dict[str, dict[str, 
         if main not in values or np.isfinite(values[main]).sum() < 2:
             continue
         there = np.isfinite(values[main])
-        found[file] = {"time_s": time_s[there], MEASURED[main]: values[main][there]}
+        found[file] = {"time_s": time_s[there], AIR_COLUMNS[main]: values[main][there]}
         if file == "hyt" and "die_temperature" in values:
             found[file]["temperature_c"] = values["die_temperature"][there]
         if file == "hyt":
@@ -205,7 +205,7 @@ def air_columns(sensors: SensorLog, sensor: SensorMap, piece: int, begin_s: floa
         moments = log.time_s[readings.rows[mine]]
         first = max(int(np.searchsorted(moments, begin_s)) - 1, 0)
         last = min(int(np.searchsorted(moments, end_s, side="right")) + 1, moments.size)
-        for key, column in MEASURED.items():
+        for key, column in AIR_COLUMNS.items():
             if key in readings.values and column not in found:
                 value = readings.values[key][mine][first:last]
                 there = np.isfinite(value)
@@ -215,7 +215,7 @@ def air_columns(sensors: SensorLog, sensor: SensorMap, piece: int, begin_s: floa
         return {}
     time_s = np.unique(np.concatenate([moments for moments, _ in found.values()]))
     columns = {"time_s": time_s}
-    for column in MEASURED.values():
+    for column in AIR_COLUMNS.values():
         if column in found:
             columns[column] = np.full(time_s.size, np.nan)
             columns[column][np.searchsorted(time_s, found[column][0])] = found[column][1]

@@ -24,9 +24,9 @@ STAGE_READINGS = 50  # between two stages of one step at most ...
 STAGE_QUIET = 20.0  # ... and so many times the longest of these pauses is quiet before and after
 UNDER_WAY = 0.25  # of a step's size may have passed in one t63 before it: weather and waves are as fast as that always
 AT_ONCE, AT_ONCE_READINGS = 0.25, 25  # of a t63, and readings, within which a turn is seen
-RETURNED = 0.25  # of the readings after it may lie nearer to the level before: a wave comes back
+RETURNED_SHARE = 0.25  # of the readings after it may lie nearer to the level before: a wave comes back
 STAYS_T63, STAYS_READINGS = 10.0, 20  # after it has settled, in which that is judged: what drifts back is slower
-RAMP = 0.5  # of the stretch to the next step, taken by 63 % of the way: it did not slow down
+RAMP_SHARE = 0.5  # of the stretch to the next step, taken by 63 % of the way: it did not slow down
 MANY_STAGES = 3  # that one transfer does not make
 READINGS_BEFORE, READINGS_AFTER = 5, 10  # that a run needs
 
@@ -233,7 +233,7 @@ def _stands_out(channel: LogPiece, move: StepOnset, width_s: float, since_s: flo
     settled_s = move.at_s + 3.0 * move.t63_s
     judged_s = settled_s + max(STAYS_T63 * move.t63_s, STAYS_READINGS * channel.period_s)
     later = value[(time_s > settled_s) & (time_s <= min(judged_s, until_s))]
-    if later.size and (np.abs(later - move.before) < np.abs(later - move.after)).mean() > RETURNED:
+    if later.size and (np.abs(later - move.before) < np.abs(later - move.after)).mean() > RETURNED_SHARE:
         return False
     lead_s = max(move.t63_s, 8.0 * channel.period_s)
     last_s = move.at_s - min(2.0 * move.uncertainty_s, width_s)
@@ -260,7 +260,7 @@ def judged(step: StepInLog, steps: Sequence[StepInLog], k: int, channels: Sequen
     why = ""
     if step.stages >= MANY_STAGES:
         why = f"came in {step.stages} stages over {step.lasted_s:.3g} s: the air itself took that long"
-    elif all(move.t63_s > RAMP * (min(until_s, ends_s) - move.at_s) for move in step.moves):
+    elif all(move.t63_s > RAMP_SHARE * (min(until_s, ends_s) - move.at_s) for move in step.moves):
         why = "did not slow down until the next step or the end: a ramp, or too short a stretch to tell"
     elif before < READINGS_BEFORE:
         why = f"only {before} readings before it: no level to start from"

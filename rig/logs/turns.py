@@ -10,11 +10,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from shockrig.rig.logs.changes import WINDOW, ChangePoint, LogPiece
+from shockrig.rig.logs.changes import BLOCKS_BESIDE, ChangePoint, LogPiece
 
 LEVEL_READINGS = 8  # readings that tell a level
 STILL_AHEAD = 0.1  # of a temperature's way: humidity that turns before that is carried along
-BACK = 0.3  # of the way out, by which a turn has come back
+BACK_SHARE = 0.3  # of the way out, by which a turn has come back
 
 
 def own_temperature(channels: Sequence[LogPiece], place: int) -> int | None:
@@ -43,7 +43,7 @@ def turn_s(channel: LogPiece, temperature: LogPiece, change: ChangePoint, end_s:
     """When a humidity turned that its sensor's temperature, changing with it, carried to one side; None where it did
     not."""
     time_s, value = channel.time_s, channel.value
-    rest = value[time_s <= change.time_s - min(change.width_s, WINDOW * channel.period_s)][-LEVEL_READINGS:]
+    rest = value[time_s <= change.time_s - min(change.width_s, BLOCKS_BESIDE * channel.period_s)][-LEVEL_READINGS:]
     inside = (time_s > change.time_s) & (time_s <= end_s)
     if rest.size == 0 or inside.sum() < 2 * LEVEL_READINGS:
         return None
@@ -51,7 +51,7 @@ def turn_s(channel: LogPiece, temperature: LogPiece, change: ChangePoint, end_s:
     for sign in (1.0, -1.0):
         out = np.maximum.accumulate(sign * way)
         back = out - sign * way
-        turned = np.flatnonzero((out > channel.least) & (back > max(BACK * float(out.max()), channel.least)))
+        turned = np.flatnonzero((out > channel.least) & (back > max(BACK_SHARE * float(out.max()), channel.least)))
         if turned.size:
             furthest = int(np.argmax(sign * way[: turned[0] + 1]))
             moment = float(time_s[inside][furthest])

@@ -19,7 +19,9 @@ EEPROM_WRITE_S = 0.015
 REPLY_S = 0.0005
 LOOK_S = 0.05
 # For anybody: not reserved, and not of memories (SPD, EDID), which are not to be tried. Where `shockrig scan` looks.
-FREE = tuple(address for address in range(0x08, 0x78) if address not in {*range(0x30, 0x38), *range(0x50, 0x60)})
+FREE_ADDRESSES = tuple(
+    address for address in range(0x08, 0x78) if address not in {*range(0x30, 0x38), *range(0x50, 0x60)}
+)
 ABSENT = {errno.EREMOTEIO, errno.ENXIO, errno.EIO, errno.ETIMEDOUT}
 
 
@@ -76,7 +78,7 @@ def read_address(bus: I2cBus, clock: Clock, address: int, wait_s: float = 30.0) 
 
 def answering(bus: I2cBus) -> list[int]:
     """Addresses at which somebody acknowledges a plain read, which asks nothing of a chip; reserved ones left alone."""
-    return [address for address in FREE if _answers(bus, address)]
+    return [address for address in FREE_ADDRESSES if _answers(bus, address)]
 
 
 def _answers(bus: I2cBus, address: int) -> bool:
@@ -129,11 +131,11 @@ def change_address(
     Raises
     ------
     BenchError
-        Not confirmed, an address that is not `FREE`, or one at which somebody answers already.
+        Not confirmed, an address that is not `FREE_ADDRESSES`, or one at which somebody answers already.
     BusError
         No sensor, or it did not take the address (it keeps the old one then).
     """
-    if new_address not in FREE:
+    if new_address not in FREE_ADDRESSES:
         raise BenchError(
             f"address {new_address:#04x} is reserved on I2C or a memory's, where shockrig scan does not look: "
             "choose one from 0x08 to 0x77, not 0x30 to 0x37 or 0x50 to 0x5f"

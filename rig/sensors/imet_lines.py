@@ -21,7 +21,7 @@ NUMBER = re.compile(rb"[+-]?\d+(?:\.\d*)?")
 _ANALOG = re.compile(rb"(?:[ \t]*[+-]?\d+(?:\.\d*)?[ \t]*,){8}[ \t]*")
 LETTERS = string.ascii_letters.encode()
 LONGEST_LINE = 256
-PLAUSIBLE = {
+PLAUSIBLE_VALUES = {
     "temperature_c": (-95.0, 80.0),
     "die_temperature_c": (-95.0, 80.0),
     "humidity_percent": (-5.0, 110.0),
@@ -149,7 +149,7 @@ def _field(key: str, text: str) -> Field:
 
 def implausible(values: Mapping[str, float]) -> bool:
     """Whether any value is beyond what the instrument could ever say."""
-    return any(not low <= values[name] <= high for name, (low, high) in PLAUSIBLE.items() if name in values)
+    return any(not low <= values[name] <= high for name, (low, high) in PLAUSIBLE_VALUES.items() if name in values)
 
 
 @dataclass(frozen=True)

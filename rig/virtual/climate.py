@@ -21,9 +21,9 @@ from shockrig.rig.seams import Air, Clock, known
 SCPI = {"TEMP": "temperature", "HUM": "humidity", "FLOW": "airflow"}
 # Modbus: registers of set points (holding) and of readings (input), and what one count of each is
 REGISTERS = ("temperature", "humidity", "airflow")
-COUNTS = {"temperature": 0.1, "humidity": 0.1, "airflow": 0.01}
+REGISTER_COUNTS = {"temperature": 0.1, "humidity": 0.1, "airflow": 0.01}
 RUN_REGISTER = 3
-BEGIN = Air(20.0, 50.0)
+FIRST_AIR = Air(20.0, 50.0)
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE = 1, 2, 3
 _SET = re.compile(r"SOUR:(TEMP|HUM|FLOW) ([-+]?\d+(?:\.\d+)?)")
 _READ = re.compile(r"(MEAS|SOUR):(TEMP|HUM|FLOW)\?")
@@ -99,8 +99,8 @@ class Room:
     def __init__(
         self,
         make: Callable[[Air, Air, float], None],
-        source: Air = BEGIN,
-        destination: Air = BEGIN,
+        source: Air = FIRST_AIR,
+        destination: Air = FIRST_AIR,
         airflow_m_s: float = 5.0,
     ) -> None:
         self._make = make
@@ -220,13 +220,13 @@ class ModbusServer:
     def _register(self, function: int, register: int) -> int:
         quantity = REGISTERS[register]
         value = self._climate.asked(quantity) if function == 3 else self._climate.read(quantity)
-        return round(value / COUNTS[quantity])
+        return round(value / REGISTER_COUNTS[quantity])
 
     def _write(self, register: int, number: int) -> None:
         if register == RUN_REGISTER:
             self._climate.switch(bool(number))
         else:
-            self._climate.set(REGISTERS[register], number * COUNTS[REGISTERS[register]])
+            self._climate.set(REGISTERS[register], number * REGISTER_COUNTS[REGISTERS[register]])
 
     def _serve(self, handler: socketserver.StreamRequestHandler, lock: threading.Lock) -> None:
         while len(head := handler.rfile.read(7)) == 7:

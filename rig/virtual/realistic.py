@@ -32,8 +32,8 @@ class Real:
 CALCULATED = "calculated for a bead of 0.8 mm, Ranz and Marshall 1952"
 DATA_SHEET = "data sheets: HYT-271 1.8 %RH, iMet-XF 0.3 K"
 ESTIMATE = "an estimate: no published figure"
-ROOM = (("room_temperature_c", 18.0, 28.0), ("room_humidity_percent", 30.0, 60.0))
-REAL: dict[tuple[str, str], Real] = {
+ROOM_RANGES = (("room_temperature_c", 18.0, 28.0), ("room_humidity_percent", 30.0, 60.0))
+REAL_SENSORS: dict[tuple[str, str], Real] = {
     ("convective_film", T): Real("biot_at_5_m_s", 0.09, 0.18, CALCULATED, inverse=True),
     ("self_heating", T): Real("rise_k_at_5_m_s", 0.04, 0.085, "excitation of the bead's data sheet over h A"),
     ("radiative_heating", T): Real("kelvin_per_w_m2_at_5_m_s", 9e-5, 1.3e-4, "0.11 K in 1000 W/m2, aspirated"),
@@ -62,7 +62,7 @@ REAL: dict[tuple[str, str], Real] = {
     ("calibration_error", T): Real("offset", 0.05, 0.3, DATA_SHEET, (("gain", 0.0, 0.003),), signed=True),
     ("calibration_error", RH): Real("offset", 0.3, 1.8, DATA_SHEET, (("gain", 0.0, 0.01),), signed=True),
     ("finite_transfer", T): Real("duration_s", 0.1, 0.6, "0.3 m at 0.5 to 3 m/s"),
-    ("air_relaxation", T): Real("fraction", 0.005, 0.05, ESTIMATE, (("time_constant_s", 3.0, 15.0), *ROOM)),
+    ("air_relaxation", T): Real("fraction", 0.005, 0.05, ESTIMATE, (("time_constant_s", 3.0, 15.0), *ROOM_RANGES)),
     ("dead_time", T): Real("delay_s", 0.07, 0.2, "conversion and polling in autopilots' firmware"),
     ("dead_time", RH): Real("delay_s", 0.07, 0.2, "conversion and polling in autopilots' firmware"),
     ("clock_drift", T): Real("ppm", 20.0, 100.0, "quartz and ceramic resonators"),
@@ -82,11 +82,11 @@ def real(effect: str, channel: str | None = None) -> Real:
     Raises BenchError where real sensors do not show it in a campaign: a logger's average of 62.5 ms lies within one
     reading at 10 Hz, and no plan reaches 100 %RH, where readings stop.
     """
-    for (name, of), entry in REAL.items():
+    for (name, of), entry in REAL_SENSORS.items():
         if name == effect and channel in (None, of):
             return entry
     # What acts in the air reaches both channels.
-    shared = [entry for (name, _), entry in REAL.items() if name == effect and len(KINDS[effect].channels) > 1]
+    shared = [entry for (name, _), entry in REAL_SENSORS.items() if name == effect and len(KINDS[effect].channels) > 1]
     if shared:
         return shared[0]
     raise BenchError(f"effect {effect} has no realistic strength: it is known of {', '.join(sorted(drawable()))}")
@@ -94,7 +94,7 @@ def real(effect: str, channel: str | None = None) -> Real:
 
 def drawable() -> tuple[str, ...]:
     """Effects that can be drawn at realistic strengths."""
-    return (*dict.fromkeys(name for name, _ in REAL), *WITHOUT_STRENGTH)
+    return (*dict.fromkeys(name for name, _ in REAL_SENSORS), *WITHOUT_STRENGTH)
 
 
 def draw_real(rng: np.random.Generator, effect: str, channel: str | None = None, size: float = 1.0) -> dict[str, float]:

@@ -18,7 +18,7 @@ from shockrig.rig.virtual.faults import LINK_KINDS, Fault, Schedule
 
 STREAM_EVERY_S, BEAT_EVERY_S = 0.2, 1.0
 LATE_S = 0.5
-LOST = 0.5
+LOST_SHARE = 0.5
 PLACE_DEG = 47.0, 8.0  # a played flight has an altitude and stands still
 KELVIN = 273.15
 Units = Callable[[Pair], Pair]
@@ -49,7 +49,7 @@ class FaultyPort:
     def send(self, *message: Any) -> None:
         active = self._schedule.active()
         self.release()
-        if "loss" in active and self._schedule.random.random() < LOST:
+        if "loss" in active and self._schedule.random.random() < LOST_SHARE:
             return
         if "delay" in active or self._late:  # a link keeps the order
             self._late.append((self._clock.now() + LATE_S * ("delay" in active), message))

@@ -47,7 +47,7 @@ def flight():
 @pytest.fixture
 def coarse(monkeypatch):
     """Flights in 64 bins in place of 128: for whole races, which take half as long then."""
-    monkeypatch.setattr(race, "BINS", 64)
+    monkeypatch.setattr(race, "FLIGHT_BINS", 64)
 
 
 def test_a_track_has_its_passes():

@@ -33,7 +33,7 @@ from shockrig.analysis.plan.decision import (
     remembered,
 )
 from shockrig.analysis.plan.designs import Designs
-from shockrig.analysis.plan.evidence import REJECTED, Dispute, against, student
+from shockrig.analysis.plan.evidence import REJECTED_FROM, Dispute, against, student
 from shockrig.analysis.plan.goals import Goals, Precision, parse_goals
 from shockrig.analysis.plan.information import information, nats, separations
 from shockrig.analysis.plan.judged import ChannelLook, Verdict, look_at, spending
@@ -228,7 +228,7 @@ def test_evidence_comes_from_runs_that_tell_the_explanations_apart(tmp_path):
     assert max(same) < 2.0
     slow = replace(COOL, airflow_m_s=1.8)
     told, ready, old = evidence_after(tmp_path / "slow", HEATED, [slow])
-    assert told[0] < 0.0 and told[1] > REJECTED
+    assert told[0] < 0.0 and told[1] > REJECTED_FROM
     # what was expected of that run, before it was made, is about what came
     problem = ready.problem.select(np.isin(ready.problem.channel.run_ids, old))
     fits = [_fitted(problem, one) for one in (HEATING, OFFSET)]
@@ -273,7 +273,7 @@ def test_what_nobody_listed_is_held_against_what_is_catalogued(tmp_path):
     for name, truth, wrong in (("off", off, 1), ("heated", HEATED, 0)):
         _, ready, old = evidence_after(tmp_path / name, truth, [replace(COOL, airflow_m_s=1.8)] * 2)
         told = against(ready.problem, ready.structure, Dispute(dispute, old))
-        assert told[wrong] > REJECTED and told[1 - wrong] < 0.0
+        assert told[wrong] > REJECTED_FROM and told[1 - wrong] < 0.0
     assert Dispute(dispute, old).labels() == ["offset", "self_heating"]
     verdict = Verdict("described", 6, dispute[0], Dispute(dispute, old), (0.0, 0.0))
     assert verdict.named == () and verdict.describes and verdict.left
@@ -298,7 +298,7 @@ def test_the_true_explanation_is_not_ruled_out_by_looking_on(tmp_path):
         against(ready.problem.select(np.arange(k)), ready.structure, Dispute((HEATING, OFFSET), old))
         for k in range(7, len(runs) + 1)
     ]
-    assert max(look[1] for look in looks) < 2.0 and told[0] > REJECTED
+    assert max(look[1] for look in looks) < 2.0 and told[0] > REJECTED_FROM
 
 
 @pytest.mark.trial
@@ -366,7 +366,7 @@ def test_a_longer_plateau_before_the_transfer_tells_a_dead_time_from_a_clock_tha
         ready = prepare(build_channel(bench.campaign(), "temperature"))
         old = ready.problem.channel.run_ids[:-1]
         told.append(against(ready.problem, ready.structure, Dispute(dispute, old)))
-    assert max(told[0]) < 1.0 and told[1][0] < 0.0 and told[1][1] > REJECTED
+    assert max(told[0]) < 1.0 and told[1][0] < 0.0 and told[1][1] > REJECTED_FROM
 
 
 def test_student_says_less_than_a_known_scatter_and_the_same_for_many_runs():

@@ -192,7 +192,7 @@ def test_the_map_in_the_documentation_is_one():
 KILLED = """
 import os, sys
 from shockrig.files import campaign_write
-from shockrig.rig.logs import campaigns
+from shockrig.rig.logs import log_campaigns
 whole, written = campaign_write.write_run, []
 def dies(folder, document, tables, **more):
     if len(written) == 1:
@@ -200,7 +200,7 @@ def dies(folder, document, tables, **more):
         os.kill(os.getpid(), 9)
     written.append(folder)
     whole(folder, document, tables, **more)
-campaigns.write_run = dies
+log_campaigns.write_run = dies
 from shockrig.protocols.cli import main
 from shockrig.rig.logs.map_file import parse_map
 main(sys.argv[1:])

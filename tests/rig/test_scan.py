@@ -13,7 +13,7 @@ from shockrig.rig.bench_file import check_bench
 from shockrig.rig.buses.i2c import SmbusBus
 from shockrig.rig.clock import RealClock, VirtualClock
 from shockrig.rig.scan import FoundGrbl, FoundHyt, FoundImet, bench_toml, scan_i2c, scan_serial
-from shockrig.rig.sensors.hyt271_commands import FREE
+from shockrig.rig.sensors.hyt271_commands import FREE_ADDRESSES
 from shockrig.rig.virtual.chips.grbl import BANNER, GrblController
 from shockrig.rig.virtual.chips.hyt271 import Hyt271Chip, encode_frame
 from shockrig.rig.virtual.chips.imet import ImetUnit
@@ -251,7 +251,7 @@ def test_every_bench_file_is_valid(found):
 
 
 def test_whatever_address_can_be_stored_is_found():
-    for address in FREE[::17]:
+    for address in FREE_ADDRESSES[::17]:
         (found,), _ = on_a_bus([Hyt271Chip(ramp_percent, steady_c, address)])
         assert found.address == address
 

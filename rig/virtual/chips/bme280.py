@@ -16,7 +16,7 @@ Sampler = Callable[[float], float]
 
 CHIP_ID, ID_REGISTER, RESET_REGISTER, RESET_WORD = 0x60, 0xD0, 0xE0, 0xB6
 CTRL_HUM, STATUS, CTRL_MEAS, CONFIG, DATA = 0xF2, 0xF3, 0xF4, 0xF5, 0xF7
-MEASURING = 0x08
+MEASURING_BIT = 0x08
 SLEEP, FORCED, NORMAL = 0, 1, 3  # 2 is forced as well
 SKIPPED_20, SKIPPED_16 = 0x80000, 0x8000
 STANDBY_S = (0.0005, 0.0625, 0.125, 0.25, 0.5, 1.0, 0.010, 0.020)
@@ -134,7 +134,7 @@ class Bme280Chip:
     def read(self, length: int, at_s: float) -> bytes:
         self._advance(at_s)
         measuring = self._due_s is not None and at_s >= self._due_s - self._takes_s()
-        self._registers[STATUS] = MEASURING if measuring else 0
+        self._registers[STATUS] = MEASURING_BIT if measuring else 0
         found = bytes(self._registers[(self._pointer + k) & 0xFF] for k in range(length))
         self._pointer = (self._pointer + length) & 0xFF
         return found

@@ -19,7 +19,7 @@ from shockrig.rig.virtual.effects import KINDS
 from shockrig.rig.virtual.hide import REALISTIC, draw_effect, draw_hidden
 from shockrig.rig.virtual.physics import moist
 from shockrig.rig.virtual.plans import Shock
-from shockrig.rig.virtual.realistic import REAL, draw_real, drawable, real
+from shockrig.rig.virtual.realistic import REAL_SENSORS, draw_real, drawable, real
 from shockrig.rig.virtual.truth import Hidden, draw_truth, with_effects
 
 RADIUS = 4e-4
@@ -77,7 +77,7 @@ def test_a_realistic_film_reads_at_its_own_temperature(tmp_path):
 
 def test_realistic_strengths_lie_in_their_sourced_ranges():
     rng = np.random.default_rng(3)
-    for (effect, channel), entry in REAL.items():
+    for (effect, channel), entry in REAL_SENSORS.items():
         assert entry.source and entry.low < entry.high and channel in KINDS[effect].channels
         values = draw_real(rng, effect, channel)
         assert set(values) == set(KINDS[effect].parameters)
@@ -96,4 +96,4 @@ def test_the_documented_strengths_are_those_that_are_drawn():
     table = text.partition("## Naming")[0]
     rows = [line.split(" | ") for line in table.splitlines() if line.startswith("| `")]
     told = {(row[0].strip("| `"), row[1]): (row[2].strip("`"), float(row[3]), float(row[4])) for row in rows}
-    assert told == {key: (entry.strength, entry.low, entry.high) for key, entry in REAL.items()}
+    assert told == {key: (entry.strength, entry.low, entry.high) for key, entry in REAL_SENSORS.items()}
