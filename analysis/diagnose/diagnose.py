@@ -374,9 +374,11 @@ def _tried(found: Search) -> tuple[Tried, ...]:
         if len(more) == 1 and one.ids > found.best.ids and weight > 0.01:
             (effect,) = more
             if not is_described(effect):
-                said[effect] = Tried(
-                    effect, f"unseen runs bear it out with a probability of {found.probability(effect):.2f}"
+                why_not = (
+                    f"unseen runs bear it out with a probability of {found.probability(effect):.2f}, "
+                    f"and a name takes {level('named'):g}"
                 )
+                said[effect] = Tried(effect, why_not)
     return tuple(said.values())
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis, Diagnosis, correlations
 from shockrig.analysis.diagnose.held_out import autocorrelation, drifts, size
+from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.described import entry_of
 from shockrig.analysis.estimate.channel import FIRST_LOG_BIN_S, LeftOut
@@ -324,7 +325,8 @@ def _rivals(view: ChannelView, figure: list[Figure]) -> list[Block]:
         "Models by their weight. The score is the log predictive density of runs that the model was not fitted to, "
         "less that of the model stated. The prior is the logarithm of its prior probability, less that of the model "
         "stated. The weight follows from both, averaged over a bootstrap of the runs. The discrepancy is the error "
-        "that the model has to allow itself in order to predict best, in percent of a step."
+        "that the model has to allow itself in order to predict best, in percent of a step. A model that gains in few "
+        "runs alone has less weight than its score suggests: each run is missing in a third of the draws."
     )
     return [Table(columns, rows, caption), *figure]
 
@@ -365,7 +367,9 @@ def _equations(found: ChannelDiagnosis) -> list[Block]:
 def _tests(found: ChannelDiagnosis) -> Table:
     before = {check.name: check.p for check in found.plain_adequacy.checks}
     rows = [[c.name, _p(before.get(c.name)), _p(c.p)] for c in found.adequacy.checks]
-    return Table(("test", "p, plain model", "p, final model"), rows, "Probability of so much by accident")
+    least = plain(level("adequacy") / max(len(rows), 1), 2)
+    caption = f"Probability of so much by accident. Where one is below {least}, something is left."
+    return Table(("test", "p, plain model", "p, final model"), rows, caption)
 
 
 def _p(p: float | None) -> str:

@@ -72,13 +72,13 @@ def sentence(one: Discovered, unit: str) -> str:
     """What was described, with its numbers, what it depends on and what not, and what else could be said."""
     text = f"It behaves as {behaves(one)}{_numbers(one, unit)}"
     if conditions := [_depends(on) for on in one.depends_on if on != _spread(one)]:
-        text += "; it depends on " + _listed(conditions)
+        text += "; it depends on " + listed(conditions)
     if one.does_not_depend_on:
-        text += "; it does not depend on " + _listed([_factor(f) for f in one.does_not_depend_on], "or")
+        text += "; it does not depend on " + listed([_factor(f) for f in one.does_not_depend_on], "or")
     text += "."
     if one.alternatives:
         others = [_short(other) for other in one.alternatives]
-        text += f" These runs fit as well: {_listed(others, 'or')}."
+        text += f" These runs fit as well: {listed(others, 'or')}."
     if one.nearest_catalogued is not None:
         near = one.nearest_catalogued
         not_it = f"and is not it: {near.why_not}" if near.why_not else "and these runs do not tell the two apart"
@@ -108,7 +108,7 @@ def seen_over(one: Discovered) -> str:
 
 def _short(one: Discovered) -> str:
     factors = [_factor(on.factor) for on in one.depends_on if on != _spread(one)]
-    return behaves(one) + (f" that depends on {_listed(factors)}" if factors else "")
+    return behaves(one) + (f" that depends on {listed(factors)}" if factors else "")
 
 
 def _numbers(one: Discovered, unit: str) -> str:
@@ -177,12 +177,6 @@ def nth_run(step: str) -> str:
     return f"{number}{ending}"
 
 
-def _listed(words: Sequence[str], last: str = "and") -> str:
-    return " ".join([", ".join(words[:-1]), last, words[-1]]) if len(words) > 1 else "".join(words)
-
-
-pass
-
 SENSOR: dict[str, str] = {name: quantity.noun for name, quantity in QUANTITIES.items()}
 INSTRUMENT: dict[str, str] = {name: quantity.instrument for name, quantity in QUANTITIES.items()}
 NOT_TOLD = "these runs do not tell how much it is on others"
@@ -200,9 +194,17 @@ def label(effect: str) -> str:
         return named(effect)
     form = form_of(effect)
     of = "" if form.driver == "none" else f" of {named(form.driver)}"
-    steps = [f" from the {nth_run(how)} run on" for _, how in form.depends_on if is_step(how)]
-    on = [named(factor) for factor, how in form.depends_on if not is_step(how)]
-    return f"{named(form.behaves_as)}{of}" + (f" by {listed(on)}" if on else "") + "".join(steps)
+    on = [_condition(factor, how) for factor, how in form.depends_on]
+    return f"{named(form.behaves_as)}{of}" + (f" by {listed(on)}" if on else "")
+
+
+def _condition(factor: str, how: str) -> str:
+    """What a form's strength depends on, and how, without its size."""
+    if is_group(how):
+        return f"{named(factor)} (only {'from' if how.startswith(ONLY_FROM) else 'before'} the {nth_run(how)} run)"
+    if is_step(how):
+        return f"{named(factor)} (from the {nth_run(how)} run on)"
+    return "chance" if (factor, how) == SCATTER else f"{named(factor)} ({named(how)})"
 
 
 def listed(words: Sequence[str], last: str = "and") -> str:

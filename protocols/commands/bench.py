@@ -11,7 +11,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "shockrig bench raspberry-pi > my.toml copies one; edit it, then shockrig check --bench my.toml. Without a "
         "name they are listed. shockrig scan writes one of what is connected to this computer."
     )
-    parser.add_argument("name", metavar="NAME", nargs="?", help="manual, raspberry-pi or virtual")
+    parser.add_argument("name", metavar="NAME", nargs="?", help="drone, manual, raspberry-pi or virtual")
 
 
 def main(args: argparse.Namespace) -> int:

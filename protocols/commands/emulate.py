@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from shockrig.protocols.parser import whole_number
+from shockrig.rig.virtual.chips.i2c import I2C_ADDRESSES
 
 if TYPE_CHECKING:
     from shockrig.rig.virtual.emulate.live_session import Options
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 PRESSURE_HPA = 1013.25
 CHAMBERS_FILE = "chambers.toml"
 REGISTERS = ("temperature", "humidity", "airflow")  # of the emulated chambers and fan, from 0
-KINDS = ("imet-xf", "imet-xq2", "imet-xq", "hyt-271", "sht31", "sht41", "bme280", "grbl")
+KINDS = ("imet-xf", "imet-xq2", "imet-xq", *I2C_ADDRESSES, "grbl")
 NODE_HZ, NODE = 10.0, 42
 
 

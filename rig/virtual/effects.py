@@ -2,7 +2,7 @@
 
 Ids without prefix have a name that a diagnosis may give. Those prefixed `unknown_` have none: the right verdict on
 them is `unexplained`.
-The equations are in physics/ (air.py, probes.py, readout.py) and in logger.py.
+The equations are in physics/ (exposure.py, probes.py, converters.py) and, for the logger's, in logger_link.py.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ KINDS: dict[str, Kind] = {
     "moving_average": Kind("logger", (T, RH), ("samples",), single=True),
     "stale_samples": Kind("logger", (RH,), ("hold_samples",)),
     "quantization": Kind("logger", (T, RH), ("step",), single=True),
-    # from the literature, beyond the seventeen above
+    # as those above, and in EXTRA below: blind trials drew before they were there
     "radiative_heating": Kind("readout", (T,), ("kelvin_per_w_m2_at_5_m_s",)),
     "evaporative_cooling": Kind("readout", (T,), ("depression_k", "time_constant_s")),
     "clock_drift": Kind("logger", (T, RH), ("ppm",), single=True),

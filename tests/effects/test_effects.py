@@ -301,7 +301,7 @@ ANYWHERE = {"series_lag", "moving_average", "stale_samples", "quantization"}
 @pytest.mark.parametrize("effect", CATALOGUE)
 def test_it_acts_where_it_can_and_says_what_it_needs_elsewhere(channels, effect):
     entry = CATALOGUE[effect]
-    assert (entry.needs is None) == (effect in ANYWHERE) == (effect not in WITHOUT), f"{effect}: a line in WITHOUT"
+    assert (entry.needs is None) == (effect in ANYWHERE) == (effect not in WITHOUT), f"{effect}: in WITHOUT or ANYWHERE"
     for name, channel in channels.items():
         if effect == "parallel_lag" or effect in TWO_PLACES:
             rich = airflow_unknown(channel)

@@ -7,8 +7,10 @@ import os
 import subprocess
 import sys
 from collections import Counter
+from dataclasses import fields
 from importlib import resources
 from pathlib import Path
+from pkgutil import resolve_name
 
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.bench_file import KINDS, check_bench
 from shockrig.rig.references import Hyt271Reference, Hyt271ReferenceSettings, OperatorEntry
 from shockrig.rig.seams import Air, Outcome, Reading
+from shockrig.rig.virtual.chips.i2c import I2C_ADDRESSES
 from shockrig.rig.virtual.faults import Fault
 from shockrig.rig.virtual.truth import Hidden, draw_truth, with_effects
 
@@ -197,7 +200,7 @@ def test_a_bus_is_virtual_only_for_kinds_whose_chip_is_emulated(monkeypatch, tmp
     monkeypatch.setitem(KINDS["sensors"], "sht99", KINDS["sensors"]["hyt-271"])
     path = tmp_path / "bench.toml"
     path.write_text(VIRTUAL.replace('kind = "hyt-271"', 'kind = "sht99"'))
-    with pytest.raises(BenchError, match=r"no sht99 is emulated \(hyt-271, sht31, sht41, bme280 are\)"):
+    with pytest.raises(BenchError, match=rf"no sht99 is emulated \({', '.join(I2C_ADDRESSES)} are\)"):
         open_bench(load_bench(path))
 
 
@@ -351,12 +354,14 @@ def test_default_bench_is_the_file_that_ships():
 @pytest.mark.parametrize("fault", [None, "unplug"])
 def test_contract_of_every_registered_sensor(kind, fault):
     """What the runner relies on: progress, ordered times, values only where there are some, never an exception."""
-    through = ("imet-humidity", "imet-bead")
-    name = {"imet-humidity": "hyt", "imet-bead": "imet-2", "hyt-271": "hyt"}.get(kind)
-    sensors = {} if name is None else {name: {"kind": kind} if kind in through else {"kind": kind, "bus": "virtual"}}
-    if kind != "hyt-271":
-        unit = {"imet-humidity": "imet-xq2", "imet-bead": "imet-xf"}.get(kind, kind)
-        sensors = {"imet": {"kind": unit, "port": "virtual"}, **sensors}
+    through = {"imet-humidity": ("hyt", "imet-xq2"), "imet-bead": ("imet-2", "imet-xf")}
+    if kind in through:
+        name, unit = through[kind]
+        sensors = {"imet": {"kind": unit, "port": "virtual"}, name: {"kind": kind}}
+    elif "port" in {field.name for field in fields(resolve_name(KINDS["sensors"][kind]).Settings)}:
+        sensors = {"imet": {"kind": kind, "port": "virtual"}}
+    else:
+        sensors = {"hyt": {"kind": kind, "bus": "virtual"}}
     content = {
         "bench": {"name": "contract", "clock": "virtual"},
         "sensors": sensors,

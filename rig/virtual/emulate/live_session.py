@@ -23,7 +23,8 @@ from shockrig.rig.virtual.serial_line import Device, PtyDevice
 
 KINDS = ("imet-xf", "imet-xq2", "imet-xq", *I2C_ADDRESSES, "grbl")
 LINES_HZ = {"imet-xf": 10.0, "imet-xq2": 1.0, "imet-xq": 1.0}
-BESIDE = ("sht31", "sht41", "bme280")  # feel the first probe's air, whatever else does; a second one the second's
+# These feel the first probe's air, whatever else does; a second one the second's.
+BESIDE = tuple(kind for kind in I2C_ADDRESSES if kind != "hyt-271")
 BAUD = {"imet-xf": 57600, "imet-xq2": 57600, "imet-xq": 57600, "grbl": 115200}
 FASTEST_MM_MIN = 30_000.0
 CLIMATE = (("source", "source", "scpi"), ("destination", "destination", "modbus"), ("airflow", "fan", "modbus"))
