@@ -1,7 +1,8 @@
 """What flights said of their sensor (`shock-learned/1`, learned.json): what it may be, and the air's sizes.
 
 Of the air, `sizes` are logarithms of variances over the square of the channel's `unit`, as `analysis.learn.density` has
-them: the walk over `altitude_m`, the change of all of the air and of its layers over `minutes`, eddies, noise.
+them: the rough walk and the smooth one over `altitude_m`, the change of all of the air and of its layers over
+`minutes`, eddies, noise.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from shockrig.files.ranges import LIKELY_RANGES, RANGES, Range
 
 LEARNED_FORMAT = "shock-learned/1"
 LEARNED_CHANNELS = ("temperature", "humidity")
-SIZES = ("walk", "drift", "layers", "eddies", "noise")
+SIZES = ("walk", "smooth_walk", "drift", "layers", "eddies", "noise")
 VERDICTS = ("named", "tied", "described", "not identifiable", "adequate")
 LOGARITHM = Range(-60.0, 60.0)  # of a variance over the channel's: more is no air and no sensor
 MINUTES = Range(0.01, 1e5, "is it in seconds")

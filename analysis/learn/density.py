@@ -1,17 +1,23 @@
 """How likely a flight's readings are under a model of the sensor, whatever the air was: closed form, with its slopes.
 
 The air is a random function of altitude and time, a(z, t) = g(z) + c(z, t). g is a straight line with unknown ends and
-a random walk along z; layers move up or down meanwhile, z -> z + m(z) t; c is what else changed, and grows with the
+two random walks along z; layers move up or down meanwhile, z -> z + m(z) t; c is what else changed, and grows with the
 time between two passes: as a whole, in layers, and by turbulence that is forgotten in minutes. The readings y of a
 channel are linear in g and c, so that they are Gaussian with covariance
 
     S = H G W G' H' + sum_j exp(h_j) B_j,
 
-H the sensor's response along the moved track, G the walk, B_j the change's and the noise's covariances of unit size,
+H the sensor's response along the moved track, G the walks, B_j the change's and the noise's covariances of unit size,
 h_j their logarithms. h and m are a flight's own, found by restricted maximum likelihood with average information
 (Gilmour, Thompson and Cullis 1995, doi 10.2307/2533274). Inversions are no steps of a Gaussian walk that is the same at
 all heights: W has the variance of a step where it is, from how steep the readings are around it. With equal ones a
-sharp inversion would be taken for a slow one, seen by a faster sensor.
+sharp inversion would be taken for a slow one, seen by a faster sensor. One walk's steps know nothing of one another, as
+in turbulence that stays; the other's go on as those beside them, as in inversions, which are smooth. With the first
+alone a thick inversion would be taken for a sharp one, seen by a slower sensor:
+
+    W = D^1/2 (exp(h_0) + exp(h_1) R) D^1/2,
+
+D the variances, R the correlation of steps that are so far apart.
 """
 
 from __future__ import annotations
@@ -34,6 +40,7 @@ Array = NDArray[np.float64]
 KNOTS_PER_BIN = 0.5  # of the shared air
 PROFILE_DEGREE = 4  # of a flight's usual temperature over altitude
 LAYER_SHARE = 0.1  # of the range of altitudes: how far a change of the air reaches, and lengths below do at most
+WALKS = 2  # of the shared air
 EDDY_M, EDDY_S = 40.0, 60.0  # how far turbulence reaches, and how long it lasts
 OWN_S = USUAL_PATH_S  # how long what a sensor does by itself lasts: as its housing takes to follow
 AROUND_SHARE, AROUND_M = 0.05, 50.0  # of the range of altitudes, and at least: over which a profile is as steep
@@ -41,10 +48,10 @@ LEAST_STEEPNESS = 0.05  # of the usual, where the readings are as flat as can be
 ROUNDED = 1e-9  # of the largest variance along a change of the air: what is smaller is rounding
 UNKNOWN = 30.0  # times a channel's own spread: what is known of the ends of the air's profile before any reading
 SIZE_SPREAD = 3.0  # of a size's logarithm, before any reading
-# Usual sizes, as a share of the channel's spread along the flight (standard deviations): the walk over the whole range
+# Usual sizes, as a share of the channel's spread along the flight (standard deviations): the walks over the whole range
 # of altitudes, the change of all of the air and of layers by the flight's end, eddies, noise.
-USUAL = dict(zip(SIZES, (0.5, 0.1, 0.1, 0.03, 0.01), strict=True))
-BEGIN = dict(zip(SIZES, (0.2, 0.03, 0.01, 0.01, 0.01), strict=True))  # where a fit begins: air that stays
+USUAL = dict(zip(SIZES, (0.5, 0.5, 0.1, 0.1, 0.03, 0.01), strict=True))
+BEGIN = dict(zip(SIZES, (0.2, 0.2, 0.03, 0.01, 0.01, 0.01), strict=True))  # where a fit begins: air that stays
 MOVING_LAYERS = 4  # heights at which layers move by themselves, straight between them
 MOVES = 1 + MOVING_LAYERS  # all of the air at once, and each of them
 MOVE_STEP = 0.01  # over which slopes are taken
@@ -84,8 +91,8 @@ class FlightChannelData:
         Altitudes of the shared air [m], and the variances of its steps between them, over what is usual.
     changes : ndarray (j, m, m)
         Covariances of the air's change, of unit size; behind them the noise's, the unit matrix.
-    usual, spread : ndarray (2 + j + MOVES,)
-        What is known of the flight's own numbers before any reading: logarithms of sizes (variances) of the walk, the
+    usual, spread : ndarray (WALKS + j + 1 + MOVES,)
+        What is known of the flight's own numbers before any reading: logarithms of sizes (variances) of the walks, the
         changes and the noise, then the moves of layers in units of `moved_m`.
     moved_m : float
     met : tuple of ndarray (n, q)
@@ -121,6 +128,23 @@ class FlightChannelData:
         begin = self.air_columns + len(self.bins.begins)
         ends = np.cumsum([begin, *(one.shape[1] for one in self.met)]).tolist()
         return tuple((len(SIZES) - 1 - len(self.met) + i, slice(ends[i], ends[i + 1])) for i in range(len(self.met)))
+
+    @cached_property
+    def walks(self) -> Array:
+        """Covariances of the shared air's steps (WALKS, k - 1, k - 1), over what is usual: of the walk whose steps know
+        nothing of one another, and of the one whose steps go on; over all altitudes, both lead as far."""
+        middle, size = 0.5 * (self.knots[1:] + self.knots[:-1]), np.sqrt(self.steps)
+        alike = _smooth(np.abs(middle[:, None] - middle) / _around_m(self.knots))
+        return np.stack([np.diag(self.steps), size[:, None] * size * (alike * alike.shape[0] / alike.sum())])
+
+    def weighed(self, columns: Array, sizes: Array) -> Array:
+        """Columns (m, q) of the air, of what was before, and of changes that several sensors meet, times their
+        covariance."""
+        found, walk = columns.copy(), slice(2, self.air_columns)
+        found[:, walk] = columns[:, walk] @ np.tensordot(np.exp(sizes[:WALKS]), self.walks, axes=1)
+        for j, place in self.of_met:
+            found[:, place] *= np.exp(sizes[j])
+        return found
 
     @cached_property
     def upper_changes(self) -> Array:
@@ -159,7 +183,8 @@ def prepared(bins: FlightBins, channel: str) -> FlightChannelData:
     changes, met = _met_by_several(bins, rows, changes)
     sizes = _with_own(2.0 * np.log(list(USUAL.values())), bins)
     usual = np.r_[sizes, np.zeros(MOVES)]
-    spread = np.r_[np.full(sizes.size, SIZE_SPREAD), np.ones(MOVES)]
+    both = np.sqrt(0.5)  # a layer moves by its own move and by that of all of the air, equal parts of one variance
+    spread = np.r_[np.full(sizes.size, SIZE_SPREAD), np.full(MOVES, both)]
     moved_m = min(float(np.hypot(MOVED_M, MOVED_M_PER_H * bins.minutes / 60.0)), layer)
     return FlightChannelData(
         bins,
@@ -203,7 +228,8 @@ def _with_own(sizes: Array, bins: FlightBins) -> Array:
 
 def sizes_of_one(own: Array) -> Array:
     """One sensor's numbers of a flight, of those of several side by side: its own change is eddies to it."""
-    return np.r_[own[:3], np.logaddexp(own[3], own[4]), own[5:]]
+    eddies = SIZES.index("eddies")
+    return np.r_[own[:eddies], np.logaddexp(own[eddies], own[eddies + 1]), own[eddies + 2 :]]
 
 
 def _met_by_several(bins: FlightBins, rows: NDArray[np.int64], changes: Array) -> tuple[Array, tuple[Array, ...]]:
@@ -231,17 +257,22 @@ def _met_by_several(bins: FlightBins, rows: NDArray[np.int64], changes: Array) -
     return np.concatenate([changes, own[None]]), tuple(found)
 
 
+def _around_m(knots: Array) -> float:
+    """How far a profile goes on as steep [m], of knots over a flight's altitudes."""
+    over = float(np.ptp(knots))
+    return max(AROUND_SHARE * over, min(AROUND_M, LAYER_SHARE * over))
+
+
 def _steepness(bins: FlightBins, rows: NDArray[np.int64], value: Array, knots: Array) -> Array:
     """How steep the profile is around each step (k - 1,), squared, over what is usual along the flight."""
     altitude = bins.altitude_m[rows]
-    reach = max(AROUND_SHARE * float(np.ptp(knots)), min(AROUND_M, LAYER_SHARE * float(np.ptp(knots))))
     squares, weights = np.zeros(knots.size - 1), np.zeros(knots.size - 1)
     middle = 0.5 * (knots[1:] + knots[:-1])
     for one in bins.passes:
         mine = (rows >= one.first) & (rows <= one.last)
         rise, step = np.diff(altitude[mine]), np.diff(value[mine])
         at = 0.5 * (altitude[mine][1:] + altitude[mine][:-1])
-        near = np.exp(-0.5 * ((middle[:, None] - at) / (0.5 * reach)) ** 2)
+        near = np.exp(-0.5 * ((middle[:, None] - at) / (0.5 * _around_m(knots))) ** 2)
         squares += near @ step**2
         weights += near @ np.abs(rise)
     steep = squares / np.maximum(weights, 1e-9)
@@ -413,7 +444,7 @@ def begun(data: FlightChannelData, misfit: float = 1.0) -> Array:
     """The flight's own numbers where a fit begins: what air that stays cannot explain is then the change's, and larger
     by a `misfit` that is known."""
     sizes = _with_own(2.0 * np.log(list(BEGIN.values())), data.bins)
-    sizes[1:] += np.log(max(misfit, 1.0))
+    sizes[WALKS:] += np.log(max(misfit, 1.0))
     return np.r_[sizes, np.zeros(MOVES)]
 
 
@@ -429,11 +460,10 @@ def density(data: FlightChannelData, sensor: SensorModel, own: Array) -> Density
     air[begins, 0, range(data.air_columns, air.shape[-1])] = UNKNOWN
     seen = _seen_all(data, sensor, met, air)
     residual = data.reading - met.offset
-    changing = [np.full(place.stop - place.start, np.exp(sizes[j])) for j, place in data.of_met]
-    scaled = seen * np.concatenate([[1.0, 1.0], np.exp(sizes[0]) * data.steps, np.ones(len(begins)), *changing])
+    scaled = data.weighed(seen, sizes)
     count = residual.size
     covariance = scaled @ seen.T
-    covariance += (np.exp(sizes[1:-1]) @ data.changes.reshape(len(data.changes), -1)).reshape(count, count)
+    covariance += (np.exp(sizes[WALKS:-1]) @ data.changes.reshape(len(data.changes), -1)).reshape(count, count)
     covariance.flat[:: count + 1] += np.exp(sizes[-1])
     # (symmetric: its transpose is what LAPACK takes without a copy)
     lower, failed = lapack.dpotrf(covariance.T, lower=1, clean=0, overwrite_a=1)
@@ -470,15 +500,18 @@ def slopes(found: Density, parameters: tuple[tuple[str, float, bool], ...] = ())
     first, sizes = len(parameters), own[:-MOVES]
     every, of_sizes, last = first + own.size, slice(first, first + sizes.size), slice(first + sizes.size, None)
     inverse = lapack.dpotri(found.lower, lower=1)[0]  # its lower triangle
-    solved, drawn = blas.dsymm(1.0, inverse, scaled, lower=1), scaled.T @ v
+    solved_seen, drawn = blas.dsymm(1.0, inverse, seen, lower=1), scaled.T @ v
+    solved = data.weighed(solved_seen, sizes)
     moved, traces, expected = np.zeros((every, v.size)), np.zeros(every), np.zeros((every, v.size))
-    walk = slice(2, data.air_columns)
-    moved[of_sizes] = np.vstack([scaled[:, walk] @ (seen[:, walk].T @ v), data.changes @ v, v])
+    steps, solved_steps = (columns[:, 2 : data.air_columns] for columns in (seen, solved_seen))
+    moved[of_sizes] = np.vstack([data.walks @ (steps.T @ v) @ steps.T, data.changes @ v, v])
     traces[of_sizes] = np.r_[
-        np.vdot(solved[:, walk], seen[:, walk]), data.upper_changes @ inverse.T.ravel(), inverse.trace()
+        data.walks.reshape(WALKS, -1) @ (steps.T @ solved_steps).ravel(),
+        data.upper_changes @ inverse.T.ravel(),
+        inverse.trace(),
     ]
-    moved[of_sizes][1:] *= np.exp(sizes[1:, None])
-    traces[of_sizes][1:] *= np.exp(sizes[1:])
+    moved[of_sizes] *= np.exp(sizes[:, None])
+    traces[of_sizes] *= np.exp(sizes)
     for j, place in data.of_met:
         moved[first + j] = scaled[:, place] @ (seen[:, place].T @ v)
         traces[first + j] = np.vdot(solved[:, place], seen[:, place])
@@ -564,11 +597,10 @@ def air_of(data: FlightChannelData, sensor: SensorModel, own: Array, rows: NDArr
     """The air at altitudes `at` (q,) that some readings alone leave, over the channel's unit: its expected value."""
     sizes, moves = own[:-MOVES], own[-MOVES:]
     seen = sensor.seen_air(data, moves)[rows]
-    weight = np.r_[1.0, 1.0, np.exp(sizes[0]) * data.steps]
-    covariance = (seen * weight) @ seen.T + np.exp(sizes[-1]) * np.eye(rows.size)
+    scaled = data.weighed(seen, sizes)
+    covariance = scaled @ seen.T + np.exp(sizes[-1]) * np.eye(rows.size)
     covariance += np.exp(sizes[-2]) * data.changes[-1][np.ix_(rows, rows)]
     start = sensor.settling(data)[rows]
     covariance += UNKNOWN**2 * np.outer(start, start)
     residual = (data.reading - sensor.offset(data))[rows]
-    columns = _columns(data.knots, at)
-    return np.asarray((columns * weight) @ (seen.T @ np.linalg.solve(covariance, residual)))
+    return np.asarray(_columns(data.knots, at) @ (scaled.T @ np.linalg.solve(covariance, residual)))

@@ -154,8 +154,8 @@ class ChannelLearned:
         mean, and one that is not another flight's moves its passes apart.
         """
         offset = any(law.offset is not None and law.channel == self.channel for law in self.fit.laws)
-        unseen = len(set(self.read.flight)) > 1
-        return self.model.rms < self.read.rms if offset and unseen else self.model.spread < self.read.spread
+        unseen, read = len(set(self.read.flight)) > 1, self.read.where(self.model)
+        return self.model.rms < read.rms if offset and unseen else self.model.spread < read.spread
 
 
 @dataclass(frozen=True)

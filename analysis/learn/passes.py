@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,21 +22,31 @@ SCATTER_FLIGHTS = 4.0  # that what is known of gains' scatter counts for
 
 @dataclass(frozen=True)
 class Disagreement:
-    """Later pass less the earlier one at layers [K or %RH]: all of them, and the flight of each (l,)."""
+    """Later pass less the earlier one at layers [K or %RH]: all of them, and the flight of each (l,); NaN where a model
+    places one of the passes elsewhere."""
 
     flight: tuple[str, ...]
     altitude_m: Array
     off: Array
 
     @property
+    def layers(self) -> int:
+        """How many it is known at."""
+        return int(np.isfinite(self.off).sum())
+
+    def where(self, other: Disagreement) -> Disagreement:
+        """The same where another one of the same passes is known."""
+        return replace(self, off=np.where(np.isfinite(other.off), self.off, np.nan))
+
+    @property
     def rms(self) -> float:
         """Root mean square."""
-        return float(np.sqrt(np.mean(self.off**2))) if self.off.size else float("nan")
+        return float(np.sqrt(np.nanmean(self.off**2))) if self.layers else float("nan")
 
     @property
     def mean(self) -> float:
         """Mean, with its sign."""
-        return float(np.mean(self.off)) if self.off.size else float("nan")
+        return float(np.nanmean(self.off)) if self.layers else float("nan")
 
     def of(self, name: str) -> Disagreement:
         """That of one flight."""
@@ -46,10 +56,11 @@ class Disagreement:
     @property
     def spread(self) -> float:
         """Standard deviation about each flight's own mean."""
-        if not self.off.size:
+        known = np.isfinite(self.off)
+        if not known.any():
             return float("nan")
-        names = np.array(self.flight)
-        left = self.off - np.array([self.off[names == name].mean() for name in names])
+        names, off = np.array(self.flight)[known], self.off[known]
+        left = off - np.array([off[names == name].mean() for name in names])
         return float(np.sqrt(np.mean(left**2)))
 
 
@@ -69,7 +80,8 @@ def refutes(read: Disagreement, corrected: Disagreement) -> bool:
     offset, and does not count. Flights do, each as much as another, by how far they agree that it got worse (Student's
     of the logarithm of what it got worse by, 95 %). One flight refutes nothing: it cannot be left out of the fit.
     """
-    names = [name for name in sorted(set(read.flight) & set(corrected.flight)) if read.of(name).spread > 0.0]
+    read = read.where(corrected)
+    names = [name for name in sorted(set(read.flight)) if read.of(name).spread > 0.0]
     if len(names) < 2:
         return False
     worse = np.log([max(corrected.of(name).spread / read.of(name).spread, 1e-3) for name in names])
@@ -83,7 +95,8 @@ def gain_of(read: Disagreement, corrected: Disagreement) -> NearerPasses | None:
     An rms of k independent layers scatters by 1 / sqrt(2 k) of itself, and a ratio of two by twice that variance: so
     much is known before any flight, and counts as `SCATTER_FLIGHTS` more of them (conjugate prior of a variance).
     """
-    names = [name for name in sorted(set(read.flight) & set(corrected.flight)) if read.of(name).rms > 0.0]
+    read = read.where(corrected)
+    names = [name for name in sorted(set(read.flight)) if read.of(name).rms > 0.0]
     if len(names) < 2:
         return None
     nearer = np.log([max(corrected.of(name).rms / read.of(name).rms, 1e-3) for name in names])
@@ -96,8 +109,9 @@ def gain_of(read: Disagreement, corrected: Disagreement) -> NearerPasses | None:
 def disagreement(units: Sequence[FlightChannelData], fit: Learned | None, channel: str) -> Disagreement:
     """How far neighbouring passes disagree: as read where there is no fit, else by a fit without that flight.
 
-    Its air has then the sizes that are usual in the others. A flight that is the only one cannot be left out: what it
-    disagrees by is then of the fit to itself.
+    Layers that a pass did not meet as the model places it are left out, since the air beyond is guessed: a clock moves
+    the track. Its air has the sizes that are usual in the others. A flight that is the only one cannot be left out:
+    what it disagrees by is then of the fit to itself.
     """
     names: list[str] = []
     heights, off = [], []
@@ -109,6 +123,7 @@ def disagreement(units: Sequence[FlightChannelData], fit: Learned | None, channe
             others = [k for k in range(first, first + len(units)) if k != first + i]
             theta = fit.without(first + i) if others else fit.theta
             sensor, own = fit.sensor(theta, channel), np.median([fit.sizes[k] for k in others or [first]], axis=0)
+        passed_m = sensor.meets(unit).altitude.mean(axis=1)[unit.rows]
         profiles: list[tuple[float, float, NDArray[np.int64]] | None] = []
         for one in unit.bins.passes:
             rows = np.flatnonzero((unit.rows >= one.first) & (unit.rows <= one.last))
@@ -126,7 +141,8 @@ def disagreement(units: Sequence[FlightChannelData], fit: Learned | None, channe
             if both.size < LEAST_LAYERS:
                 continue
             values = [_profile(unit, sensor, own, part[2], both) for part in (before, after)]
-            off.append(unit.unit * (values[1] - values[0]))
+            met = [(both > passed_m[part[2]].min()) & (both < passed_m[part[2]].max()) for part in (before, after)]
+            off.append(np.where(met[0] & met[1], unit.unit * (values[1] - values[0]), np.nan))
             heights.append(both)
             names.extend([unit.bins.name] * both.size)
     none = [np.array([])]

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from shockrig.analysis.learn.bins import LEAST_PASS_M, REFERENCE_TEMPERATURE_C, FlightBins, binned
-from shockrig.analysis.learn.density import MOVE_STEP, MOVES, UNKNOWN, FlightChannelData, SensorModel, prepared
+from shockrig.analysis.learn.density import MOVE_STEP, MOVES, UNKNOWN, WALKS, FlightChannelData, SensorModel, prepared
 from shockrig.analysis.learn.flights_fit import LONGEST_STEP
 from shockrig.analysis.learn.laws import LAWS, Law
 from shockrig.analysis.plan.flight_plan import (
@@ -265,10 +265,11 @@ def planned_data(bins: FlightBins, channel: str, learned: LearnedFile) -> Flight
 
 def planned_sizes(bins: FlightBins, channel: str, learned: LearnedFile) -> Array:
     """The flight's own numbers as `density` takes them: what the flights showed, over its altitudes and its minutes."""
-    walk, drift, layers, eddies, noise = learned.channels[channel].sizes
+    walk, smooth_walk, drift, layers, eddies, noise = learned.channels[channel].sizes
     longer = 0.0 if learned.minutes is None else math.log(bins.minutes / learned.minutes)
     higher = math.log(float(np.ptp(bins.within_altitudes)) / float(np.ptp(learned.altitude_m)))
-    return np.r_[walk + higher, drift + longer, layers + longer, eddies, noise, np.zeros(MOVES)]
+    walks, changes = (walk + higher, smooth_walk + higher), (drift + longer, layers + longer)
+    return np.r_[walks, changes, eddies, noise, np.zeros(MOVES)]
 
 
 def usual_line(bins: FlightBins, learned: LearnedFile) -> float:
@@ -319,8 +320,8 @@ def _covariance(data: FlightChannelData, own: Array, sensor: SensorModel, seen: 
     """Of a flight's readings (m, m) under a model that sees the air as `seen`; before a flight whose `line` is known,
     the sensor is settled."""
     sizes = np.exp(own[:-MOVES])
-    found = (seen * np.r_[1.0, line, sizes[0] * data.steps]) @ seen.T
-    found += np.tensordot(sizes[1:-1], data.changes, axes=1) + sizes[-1] * np.eye(seen.shape[0])
+    found = (data.weighed(seen, own) * np.r_[1.0, line, np.ones(data.steps.size)]) @ seen.T
+    found += np.tensordot(sizes[WALKS:-1], data.changes, axes=1) + sizes[-1] * np.eye(seen.shape[0])
     if line < 1.0:
         return np.asarray(found)
     start = sensor.settling(data)
@@ -336,9 +337,10 @@ def _against(data: FlightChannelData, own: Array, sensor: SensorModel, expected:
         factor = cho_factor(_covariance(data, own, sensor, seen), lower=True, check_finite=False)
     except np.linalg.LinAlgError:
         return math.inf, np.zeros(own.size), np.eye(own.size)
-    scaled = seen * np.r_[1.0, 1.0, sizes[0] * data.steps]
-    covariance_slopes = [scaled[:, 2:] @ seen[:, 2:].T]
-    covariance_slopes += [size * change for size, change in zip(sizes[1:-1], data.changes, strict=True)]
+    scaled = data.weighed(seen, own)
+    steps = seen[:, 2:]
+    covariance_slopes = [size * steps @ walk @ steps.T for size, walk in zip(sizes[:WALKS], data.walks, strict=True)]
+    covariance_slopes += [size * change for size, change in zip(sizes[WALKS:-1], data.changes, strict=True)]
     covariance_slopes.append(sizes[-1] * np.eye(seen.shape[0]))
     for unit in MOVE_STEP * np.eye(MOVES):
         through = ((sensor.seen_air(data, moves + unit) - seen) / MOVE_STEP) @ scaled.T

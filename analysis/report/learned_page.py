@@ -280,7 +280,7 @@ def _disagreeing(learned: FlightsLearned) -> list[Block]:
             ("the likeliest model", one.model),
         ):
             numbers = [plain(value, 2) for value in (off.rms, off.mean, off.spread)]
-            rows.append([channel, what, *[f"{number} {UNITS[channel]}" for number in numbers], int(off.off.size)])
+            rows.append([channel, what, *[f"{number} {UNITS[channel]}" for number in numbers], off.layers])
     columns = ("of", "passes compared", "rms", "mean", "spread", "layers")
     caption = (
         "The later pass less the earlier one, at layers of one altitude. Humidity is vapour over saturation at the "
@@ -414,7 +414,8 @@ def _speeds(flight: FlightBins) -> str:
 def _assumed() -> list[Block]:
     air = (
         "The air is a random function of altitude and time. Passes of one flight share a profile that nobody knows: a "
-        "straight line and a random walk along the altitude, whose steps are larger where the readings are steep. What "
+        "straight line and two random walks along the altitude, a rough one and a smooth one, whose steps are larger "
+        "where the readings are steep. What "
         "changed meanwhile has a size that each flight shows for itself: all of the air, growing with the time between "
         f"passes; layers of {100 * LAYER_SHARE:g} % of the altitudes; and eddies of about {EDDY_M:g} m that last about "
         f"{EDDY_S:g} s. Layers also move up and down, usually by {MOVED_M:g} m and {MOVED_M_PER_H:g} m an hour. Where "

@@ -22,7 +22,7 @@ from shockrig.files.learned import read_learned
 from shockrig.protocols.cli import main
 
 HOME = (46.8130, 6.9430, 491.0)
-SIZES = [2.0 * math.log(share) for share in (0.5, 0.1, 0.1, 0.03, 0.01)]
+SIZES = [2.0 * math.log(share) for share in (0.5, 0.1, 0.1, 0.1, 0.03, 0.01)]
 LAG = {"laws": ["lag"], "values": {"time_constant_s": 8.0}, "probability": 0.5}
 TWO_PATHS = {
     "laws": ["second_path"],
@@ -95,7 +95,7 @@ def test_two_airspeeds_tell_of_warmth_and_one_says_nothing(learned):
 
 def test_air_that_changes_more_makes_every_flight_say_less(learned):
     still = learned(LAG, NOTHING)
-    channel = document(LAG, NOTHING)["channels"]["temperature"] | {"sizes": [SIZES[0], 0.0, 0.0, -2.0, SIZES[-1]]}
+    channel = document(LAG, NOTHING)["channels"]["temperature"] | {"sizes": [*SIZES[:2], 0.0, 0.0, -2.0, SIZES[-1]]}
     restless = learned(channels={"temperature": channel})
     plan = of_menu("up and down fast", still)
     assert nats(planned_bins(plan, restless), restless) < 0.5 * nats(planned_bins(plan, still), still)
