@@ -113,7 +113,9 @@ def _read_head(folder: Path) -> FileTable:
     if around is not None and not is_there(folder / "campaign.json"):
         raise InputError(f"{shown(folder)}: is only a part of a campaign; give {shown(around)}")
     if folder.is_file():
-        raise InputError(f"{shown(folder)}: is a file; give the folder that holds campaign.json")
+        raise InputError(
+            f"{shown(folder)}: is a file; give the folder that holds campaign.json (shockrig import makes one of a log)"
+        )
     return read_json(folder / "campaign.json", CAMPAIGN_FORMAT, "give the folder that holds a whole campaign.json")
 
 

@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 COMMANDS = {
     "scan": ("scan", "find sensors and stages on this computer and write a bench file to start from"),
     "bench": ("bench", "print a bench file that ships, to copy and edit"),
-    "check": ("check", "open every instrument of a bench and say what is well and what is not"),
+    "check": ("check", "open every instrument of a bench and say what works and what does not"),
     "run": ("run", "record a campaign on a bench (the embedded virtual bench by default)"),
     "import": ("import_logs", "turn other loggers' files, also one long log with many steps, into a campaign"),
-    "plan": ("plan", "say which runs to record next for given goals, as a protocol, or why none"),
+    "plan": ("plan", "say which runs to record next for given goals, as a protocol, or say why none"),
     "watch": ("watch", "watch a campaign while it is recorded, in the terminal or in the browser"),
     "status": ("status", "say what a campaign holds, what is missing and why"),
     "list": ("list_campaigns", "list the campaigns of a folder, what they gave, and what changed from one to the next"),
@@ -42,16 +42,16 @@ COMMANDS = {
     "fleet": ("fleet", "say what many sensors of one type have in common, and which do not belong"),
     "correct": ("correct", "correct a flight's temperature and humidity with a profile"),
     "onboard": ("onboard", "write a profile's correction as a C and a Lua program for autopilots"),
-    "fly": ("fly", "on a drone's computer: read sensors, correct, log and tell, by MAVLink and DroneCAN"),
+    "fly": ("fly", "on a drone's computer: read sensors, correct, log, and send by MAVLink and DroneCAN"),
     "simulate": ("simulate", "simulate weather and a sensor flown through it, to files"),
     "example": ("example", "list or copy samples that ship: campaigns, a log with steps, a flight with position"),
     "tour": ("tour", "bench, log and flight in ten minutes, command by command"),
     "demo": ("demo", "hide an effect in virtual sensors, find it, extend the model, open the seal"),
     "demo-flights": ("demo_flights", "make the paper's flight figures again, three corrections side by side"),
-    "emulate": ("emulate", "emulated instruments that unmodified programs open, or that play a flight"),
+    "emulate": ("emulate", "emulate instruments that unmodified programs open, or that play a flight"),
     "hil": ("hil", "play a flight through emulated sensors, fly and correct it, and say what each stage lost"),
     "hyt-address": ("hyt_address", "read a HYT-271's I2C address, or store another one in it"),
-    "slips": ("slips", "show the paper's schemes as printed and corrected, against the series"),
+    "slips": ("slips", "show the published schemes as printed and corrected, against the exact series"),
 }
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from shockrig.files.campaign import Campaign
 
-BY_WHICH = "decide by this one of several probes alone: 1, or 2 for imet-2 and hyt-2 (by all of them)"
+BY_WHICH = "decide by this one of several probes alone: 1, or 2 for imet-2 and hyt-2 (default: by all of them)"
 FIRST_PROBE = "1"  # as in files.campaign_names, whose import would delay --help
 
 

@@ -40,11 +40,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="fit the model with the causes that this diagnosis names (one of the campaign as it is, in or beside it)",
     )
     parser.add_argument("--plain", action="store_true", help="fit the plain model, whatever a diagnosis named")
-    air = "that response times are stated for (the campaign's median)"
+    air = "that response times are stated for (default: the campaign's median)"
     parser.add_argument("--airflow", metavar="M_S", type=float, help=f"airflow {air}")
     parser.add_argument("--pressure", metavar="HPA", type=float, help=f"pressure {air}")
     parser.add_argument(
-        "--temperature", metavar="DEGC", type=float, help="air that the thermometer's times are stated for (20 degC)"
+        "--temperature",
+        metavar="DEGC",
+        type=float,
+        help="air that the thermometer's times are stated for (default: 20 degC)",
     )
     parser.add_argument(
         "--traced",
@@ -55,8 +58,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     for name, words in PARTIES.items():
         parser.add_argument(f"--{name}", metavar="NAME", help=words)
-    parser.add_argument("--country", metavar="CC", default="ZZ", help="of the laboratory, ISO 3166 (ZZ: not stated)")
-    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the differential evolution (0)")
+    parser.add_argument(
+        "--country", metavar="CC", default="ZZ", help="of the laboratory, ISO 3166 (default: ZZ, not stated)"
+    )
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the differential evolution (default: 0)")
     each_probe.add_argument(parser)
 
 

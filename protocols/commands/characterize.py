@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", metavar="DIR", type=Path, required=True, help="folder for profile, table, plots, report"
     )
-    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the differential evolution (0)")
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the differential evolution (default: 0)")
     parser.add_argument(
         "--extend", metavar="DIAGNOSIS.json", type=Path, help="fit the model with the causes that this diagnosis names"
     )

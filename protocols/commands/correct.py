@@ -61,7 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "inverse, corrected or as printed",
     )
     parser.add_argument(
-        "--lag-s", type=float, metavar="S", help="of causal: how long each row waits for those after it (default 0)"
+        "--lag-s", type=float, metavar="S", help="of causal: how long each row waits for those after it (default: 0)"
     )
     parser.add_argument(
         "--clock-s",

@@ -27,15 +27,17 @@ UNIT_ALPHA, UNIT_D = 1e-8, 1e-12  # m²/s, in which the table's numbers are of o
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    parser.add_argument("--out", metavar="DIR", type=Path, default=Path("demo"), help="folder for everything (demo)")
     parser.add_argument(
-        "--seed", metavar="N", type=int, default=5, help="which effect is hidden, which sensors and noise (5)"
+        "--out", metavar="DIR", type=Path, default=Path("demo"), help="folder for everything (default: demo)"
+    )
+    parser.add_argument(
+        "--seed", metavar="N", type=int, default=5, help="which effect is hidden, which sensors and noise (default: 5)"
     )
     parser.add_argument(
         "--hide",
         metavar="WHAT",
         default="1",
-        help="what to hide, as in shockrig run: a number, random, none, outside, ids (1)",
+        help="what to hide, as in shockrig run: a number, random, none, outside, ids (default: 1)",
     )
 
 

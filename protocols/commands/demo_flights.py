@@ -13,7 +13,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--profile", type=Path, metavar="P", help="profile.json of the sensors; a typical pair if left out"
     )
-    parser.add_argument("--seed", metavar="N", type=int, default=0, help="which weather and noise (0)")
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="which weather and noise (default: 0)")
 
 
 def main(args: argparse.Namespace) -> int:

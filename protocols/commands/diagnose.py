@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", metavar="DIR", type=Path, required=True, help="folder for diagnosis, extended profile, plots, report"
     )
-    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the flight in the report (0)")
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the flight in the report (default: 0)")
     parser.add_argument(
         "--from",
         metavar="DIAGNOSIS",

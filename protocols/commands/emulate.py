@@ -50,9 +50,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--folder", metavar="F", type=Path, help="where the I2C socket and library go (default: /tmp)")
     parser.add_argument("--build", metavar="LIB.so", type=Path, help="build the I2C preload library there, and end")
-    parser.add_argument("--bus", type=int, default=1, metavar="N", help="/dev/i2c-N that programs open (default 1)")
+    parser.add_argument("--bus", type=int, default=1, metavar="N", help="/dev/i2c-N that programs open (default: 1)")
     parser.add_argument(
-        "--address", type=whole_number, default=0x28, help="of the HYT-271 (default 0x28); a further one has the next"
+        "--address", type=whole_number, default=0x28, help="of the HYT-271 (default: 0x28); a further one has the next"
     )
     parser.add_argument("--rate-hz", type=float, help="lines a second (default: 10 for an XF, 1 for an XQ)")
     parser.add_argument("--humidity", action="store_true", help="the iMet-XF carries a HYT-271 (lines with id 8)")
@@ -64,15 +64,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--flight", metavar="FLIGHT.csv", type=Path, help="play this air (time_s, temperature_c, ...)")
     parser.add_argument("--profile", metavar="P", type=Path, help="the sensors that fly (default: a typical pair)")
     parser.add_argument("--truth", metavar="F.csv", type=Path, help="write what was said and what was true, as it goes")
-    parser.add_argument("--speed", type=float, default=1.0, help="how much faster than real time (default 1)")
+    parser.add_argument("--speed", type=float, default=1.0, help="how much faster than real time (default: 1)")
     parser.add_argument(
         "--seed", metavar="N", type=int, default=0, help="noise, and without a flight the sensors themselves"
     )
     air = parser.add_argument_group("without a flight")
     air.add_argument("--chambers", action="store_true", help="two chambers (SCPI, Modbus) and a fan that make the airs")
-    air.add_argument("--source", metavar="DEGC,RH", default="20,50", help="air where the probes are (default 20,50)")
+    air.add_argument("--source", metavar="DEGC,RH", default="20,50", help="air where the probes are (default: 20,50)")
     air.add_argument("--destination", metavar="DEGC,RH", default="40,20", help="air where grbl carries them")
-    air.add_argument("--airflow", metavar="M_S", type=float, default=6.0, help="past the probes (default 6)")
+    air.add_argument("--airflow", metavar="M_S", type=float, default=6.0, help="past the probes (default: 6)")
     links = parser.add_argument_group("as a node on links, with or without instruments beside it")
     links.add_argument("--dronecan", metavar="ADDRESS", help="mcast: or a CAN interface such as can0")
     links.add_argument(

@@ -18,7 +18,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         required=True,
         help="its ending says the format: .nc (netCDF, CF), .parquet, .jsonl (bluesky event documents)",
     )
-    parser.add_argument("--probe", metavar="NAME", default="1", help="which of several probes recorded at once (1)")
+    parser.add_argument(
+        "--probe", metavar="NAME", default="1", help="which of several probes recorded at once (default: 1)"
+    )
 
 
 def main(args: argparse.Namespace) -> int:

@@ -27,7 +27,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--extend", metavar="DIAGNOSIS.json", type=Path, help="fit the model with the causes that this diagnosis names"
     )
-    parser.add_argument("--workers", metavar="N", type=int, help="processes on this machine (one for each processor)")
+    parser.add_argument(
+        "--workers", metavar="N", type=int, help="processes on this machine (default: one for each processor)"
+    )
     parser.add_argument("--scheduler", metavar="ADDRESS", help="a Dask cluster to work on, such as tcp://host:8786")
 
 

@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.set_defaults(ends_by_ctrl_c=True)
     parser.epilog = (
         "ADDRESS of bytes: udpout:HOST:PORT, udpin:HOST:PORT, or /dev/NAME[,BAUD]; of CAN frames: mcast: (UDP "
-        "multicast) or an interface such as can0. Sensors that are missing are said, and used when they come back."
+        "multicast) or an interface such as can0. A sensor that is missing is reported, and used when it comes back."
     )
     parser.add_argument(
         "--bench",
@@ -51,14 +51,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--profile", metavar="P", type=Path, required=True, help="profile.json of the sensors")
     parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="folder of flights: each is DIR/NNNN")
-    parser.add_argument("--lag-s", type=float, default=0.0, metavar="S", help="wait for readings behind (default 0)")
+    parser.add_argument(
+        "--lag-s", type=float, default=0.0, metavar="S", help="how long each row waits for those after it (default: 0)"
+    )
     parser.add_argument("--period-s", type=float, metavar="S", help="between rows (default: as the sensors are read)")
     parser.add_argument("--for-s", type=float, metavar="S", help="end after so long (default: by Ctrl-C or SIGTERM)")
-    links = parser.add_argument_group("who is told, and who tells")
+    links = parser.add_argument_group("links")
     links.add_argument("--mavlink", metavar="ADDRESS", action="append", default=[], help="MAVLink out; may be repeated")
     links.add_argument("--dronecan", metavar="ADDRESS", action="append", default=[], help="DroneCAN out")
-    links.add_argument("--node", type=int, default=44, metavar="N", help="DroneCAN node number (default 44)")
-    links.add_argument("--system", type=int, default=1, metavar="N", help="MAVLink system, the vehicle's (default 1)")
+    links.add_argument("--node", type=int, default=44, metavar="N", help="DroneCAN node number (default: 44)")
+    links.add_argument("--system", type=int, default=1, metavar="N", help="MAVLink system, the vehicle's (default: 1)")
     links.add_argument(
         "--autopilot", metavar="ADDRESS", help="MAVLink in: airspeed, pressure, position; may be that of --mavlink"
     )

@@ -17,8 +17,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--profile", type=Path, metavar="P", help="the sensors that fly (default: a typical pair)")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the logs and the page")
-    parser.add_argument("--seed", metavar="N", type=int, default=0, help="noise of the sensors (default 0)")
-    parser.add_argument("--lag-s", type=float, default=0.0, metavar="S", help="as of shockrig fly (default 0)")
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="noise of the sensors (default: 0)")
+    parser.add_argument("--lag-s", type=float, default=0.0, metavar="S", help="as of shockrig fly (default: 0)")
     parser.add_argument(
         "--fault",
         action="append",

@@ -26,12 +26,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "folders", metavar="DIR", type=Path, nargs="+", help="campaigns, or folders that hold campaigns"
     )
-    parser.add_argument("--serial", metavar="NUMBER", help="only this sensor (all that have two campaigns)")
+    parser.add_argument("--serial", metavar="NUMBER", help="only this sensor (default: all that have two campaigns)")
     parser.add_argument("--out", metavar="OUT", type=Path, help="folder for history.html, history.json and the charts")
     parser.add_argument(
         "--extend", metavar="DIAGNOSIS.json", type=Path, help="fit the model with the causes that this diagnosis names"
     )
-    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the differential evolution (0)")
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="of the differential evolution (default: 0)")
 
 
 def main(args: argparse.Namespace) -> int:

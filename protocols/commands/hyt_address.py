@@ -15,14 +15,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "the address. Two sensors at one address cannot be told apart: connect one."
     )
     parser.add_argument("--bus", required=True, help="I2C bus: its number or its device file (1 is /dev/i2c-1)")
-    parser.add_argument("--address", type=_address, default=0x28, help="the address it has now (default 0x28)")
+    parser.add_argument("--address", type=_address, default=0x28, help="the address it has now (default: 0x28)")
     parser.add_argument("--to", type=_address, metavar="ADDRESS", help="store this address in it")
     parser.add_argument(
         "--yes-change-it", action="store_true", help="that you mean --to: nothing on the sensor shows it"
     )
     parser.add_argument("--dry-run", action="store_true", help="say what --to would change; write nothing")
     parser.add_argument(
-        "--wait-s", type=float, default=30.0, help="how long to wait for the sensor's power-on (default 30)"
+        "--wait-s", type=float, default=30.0, help="how long to wait for the sensor's power-on (default: 30)"
     )
 
 

@@ -21,7 +21,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     logs = parser.add_argument_group("logs with any number of sensors and steps")
     logs.add_argument("logs", metavar="LOG", type=Path, nargs="*", help="text files of any layout, all of one")
-    logs.add_argument("--look", action="store_true", help="write a first map and a picture of the log into --out (.)")
+    logs.add_argument(
+        "--look", action="store_true", help="write a first map and a picture of the log into --out (default: .)"
+    )
     logs.add_argument(
         "--map",
         metavar="MAP.toml",
@@ -50,19 +52,21 @@ def _add_layout(parser: argparse.ArgumentParser) -> None:
         "--time-unit",
         choices=["auto", "s", "ms", "us", "min", "h", "iso"],
         default="auto",
-        help="of the time columns; iso: ISO 8601 dates (auto: as their names say, else s)",
+        help="of the time columns; iso: ISO 8601 dates (default: as their names say, else s)",
     )
     layout.add_argument("--time-format", metavar="FORMAT", help="strptime format, e.g. '%%d.%%m.%%Y %%H:%%M:%%S.%%f'")
     layout.add_argument("--delimiter", choices=["comma", "semicolon", "tab"], help="between the columns")
     layout.add_argument("--decimal", choices=["point", "comma"], help="what numbers are written with")
     layout.add_argument("--skip-lines", metavar="N", type=int, default=0, help="lines before the header")
     layout.add_argument(
-        "--temperature-unit", choices=["c", "k", "f"], help="of all temperature columns (as their names say, else c)"
+        "--temperature-unit",
+        choices=["c", "k", "f"],
+        help="of all temperature columns (default: as their names say, else c)",
     )
     layout.add_argument(
         "--humidity-unit",
         choices=["percent", "fraction"],
-        help="of the humidity column (as its name says, else percent)",
+        help="of the humidity column (default: as its name says, else percent)",
     )
 
 
@@ -86,10 +90,10 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
     sensors.add_argument("--name", help="name of the campaign")
     sensors.add_argument("--imet-kind", help="model of the thermometer, such as imet-xf")
     sensors.add_argument("--imet-serial", help="its serial number")
-    sensors.add_argument("--bead-radius", metavar="M", type=float, help="of the thermometer's bead (4e-4)")
+    sensors.add_argument("--bead-radius", metavar="M", type=float, help="of the thermometer's bead (default: 4e-4)")
     sensors.add_argument("--hyt-kind", help="model of the hygrometer, such as hyt-271")
     sensors.add_argument("--hyt-serial", help="its serial number")
-    sensors.add_argument("--film-thickness", metavar="M", type=float, help="of the hygrometer's film (1e-5)")
+    sensors.add_argument("--film-thickness", metavar="M", type=float, help="of the hygrometer's film (default: 1e-5)")
 
 
 def main(args: argparse.Namespace) -> int:

@@ -10,7 +10,9 @@ from pathlib import Path
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     parser.epilog = "Results are found in the same folder: profile.json by the campaign that its provenance names."
-    parser.add_argument("folder", metavar="FOLDER", type=Path, nargs="?", default=Path(), help="where to look (.)")
+    parser.add_argument(
+        "folder", metavar="FOLDER", type=Path, nargs="?", default=Path(), help="where to look (default: .)"
+    )
 
 
 def main(args: argparse.Namespace) -> int:

@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help="the protocol, with NEXT.json; with --flights a mission, NEXT.waypoints or NEXT.plan",
     )
-    parser.add_argument("--runs", metavar="N", type=int, default=6, help="how many runs to choose at most (6)")
+    parser.add_argument("--runs", metavar="N", type=int, default=6, help="how many runs to choose at most (default: 6)")
     parser.add_argument("--probe", metavar="NAME", help=BY_WHICH)
     parser.add_argument(
         "--fleet",
@@ -46,11 +46,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     flights.add_argument(
         "--home",
         metavar="LAT,LON,ALT",
-        help="where the drone takes off, altitude above the sea (as learned); write --home=-33.5,151,20 south of the "
-        "equator",
+        help="where the drone takes off, altitude above the sea (default: as learned); write --home=-33.5,151,20 south "
+        "of the equator",
     )
-    flights.add_argument("--ceiling", metavar="M", type=float, help="highest altitude above home (120)")
-    flights.add_argument("--endurance", metavar="MIN", type=float, help="how long the drone flies (20)")
+    flights.add_argument("--ceiling", metavar="M", type=float, help="highest altitude above home (default: 120)")
+    flights.add_argument("--endurance", metavar="MIN", type=float, help="how long the drone flies (default: 20)")
 
 
 def main(args: argparse.Namespace) -> int:

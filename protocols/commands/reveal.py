@@ -11,7 +11,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--diagnosis", metavar="DIAGNOSIS.json", type=Path, required=True, help="diagnosis.json to judge"
     )
-    parser.add_argument("--probe", metavar="NAME", default="1", help="whose diagnosis it is, of several probes (1)")
+    parser.add_argument(
+        "--probe", metavar="NAME", default="1", help="whose diagnosis it is, of several probes (default: 1)"
+    )
 
 
 def main(args: argparse.Namespace) -> int:

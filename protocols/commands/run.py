@@ -73,13 +73,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def _add_emulated(parser: argparse.ArgumentParser) -> None:
     virtual = parser.add_argument_group("emulated instruments")
     virtual.add_argument("--seed", type=int, help="which sensors, noise and hidden effects")
-    virtual.add_argument("--probes", metavar="N", type=int, help="how many are recorded at once (1)")
+    virtual.add_argument("--probes", metavar="N", type=int, help="how many are recorded at once (default: 1)")
     virtual.add_argument(
         "--spread",
         metavar="PERCENT",
         type=float,
         help="with --fleet SEED, which draws a type of sensors (--seed draws which of them): how far alpha and D "
-        "differ from sensor to sensor (2)",
+        "differ from sensor to sensor (default: 2)",
     )
     virtual.add_argument("--rough", action="store_true", help="correlated noise, trigger jitter, gaps")
     virtual.add_argument(

@@ -16,8 +16,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--profile", type=Path, metavar="P", help="profile.json of the sensors; a typical pair if left out"
     )
-    parser.add_argument("--seed", metavar="N", type=int, default=0, help="which weather and noise (0)")
-    parser.add_argument("--noise", type=float, default=1.0, help="multiplies the profile's noise floors (default 1)")
+    parser.add_argument("--seed", metavar="N", type=int, default=0, help="which weather and noise (default: 0)")
+    parser.add_argument("--noise", type=float, default=1.0, help="multiplies the profile's noise floors (default: 1)")
     parser.add_argument(
         "--set",
         action="append",

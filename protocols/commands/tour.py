@@ -77,7 +77,9 @@ STOPS = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     parser.epilog = "Everything it makes stays in --out, to be looked at and tried again."
-    parser.add_argument("--out", metavar="DIR", type=Path, default=Path("tour"), help="new folder for all of it (tour)")
+    parser.add_argument(
+        "--out", metavar="DIR", type=Path, default=Path("tour"), help="new folder for all of it (default: tour)"
+    )
     parser.add_argument("--yes", action="store_true", help="go on by itself, without waiting for Enter")
 
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from shockrig.files.disk import read_text, real_path
 from shockrig.files.json_files import write_json
+from shockrig.files.spelling import did_you_mean
 from shockrig.rig.bench_errors import BenchError, as_bench_errors
 from shockrig.rig.virtual.effects import CATALOGUED, KINDS, OUTSIDE, T
 from shockrig.rig.virtual.realistic import draw_real, drawable
@@ -159,7 +160,7 @@ def draw_effect(
     Faults of one channel's electronics draw their channel unless it is given.
     """
     if effect not in KINDS:
-        raise BenchError(f"effect {effect!r} is not known to the virtual world: known are {', '.join(sorted(KINDS))}")
+        raise BenchError(f"effect {effect!r} is not known to the virtual world{did_you_mean(effect, sorted(KINDS))}")
     if strength not in STRENGTHS and not (isinstance(strength, float) and 0.0 < strength <= 1.0):
         raise BenchError(f"strength must be one of {', '.join(STRENGTHS)} or a share from 0 to 1, not {strength!r}")
     kind = KINDS[effect]
