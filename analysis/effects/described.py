@@ -337,7 +337,7 @@ def _in_words(form: Form, factor: str, how: str) -> str:
     return {
         "power": f"{factor}^n",
         "exponential": f"exp(n {factor})",
-        "trend": f"(1 + n (run - {run_of_strength(form)}))",
+        "trend": f"(1 + n {f'(run - {at})' if (at := run_of_strength(form)) else 'run'})",
         "logarithmic": "ln(1 + t / time_constant)",
         "scatter": "(1 + n z), z normal in each run,",
         "spread": "(mean over time constants from exp(-n) to exp(n) times time_constant)",

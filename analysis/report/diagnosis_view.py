@@ -17,7 +17,7 @@ from shockrig.analysis.diagnose.remaining import MeanCourse, Remaining, remainin
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.estimate.seen import little_known, seen
 from shockrig.analysis.report import fit_figures as drawings
-from shockrig.analysis.report.diagnosis_words import label, listed, sensor_of
+from shockrig.analysis.report.diagnosis_words import label, listed, named, sensor_of
 from shockrig.analysis.report.fit_figures import parameter_by_condition
 from shockrig.analysis.report.fitted import UNIT, conditions, relative_runs
 from shockrig.analysis.report.next_time import seen_figure
@@ -36,8 +36,8 @@ SIZE_IN = (8.4, 3.3)
 
 
 def parted_by(left: Remaining, seen_elsewhere: Sequence[str]) -> str:
-    """What parts the course, in words. Conditions that tests of every reading see it vary with are not denied: they
-    see more than the course of a few runs does."""
+    """What parts the course, in words. Conditions that tests of every reading see it vary with, and those that what is
+    described depends on, are not denied: these see more than the course of a few runs does."""
     varies = f"It varies with {listed(left.varies_with)}." if left.varies_with else "No condition parts this course."
     unseen = [name for name in left.does_not_vary_with if not any(name in one for one in seen_elsewhere)]
     return f"{varies} It is not seen to vary with {listed(unseen, 'or')}." if unseen else varies
@@ -142,13 +142,14 @@ def _of_what_is_seen(found: ChannelDiagnosis) -> Figures:
             "Readings over the way that they went, since the change is seen to begin. Circles: 63 % and 90 % of it.",
             f"Readings of the {sensor} as shares of their way, with the times to 63 % and 90 %",
         )
+    described = [named(on.factor) for one in found.discovered for on in one.depends_on]
     left = remaining(channel, found.plain) if found.verdict in ("unexplained", "described") else None
     if left is not None:
         figures["remaining"] = (
             remaining_figure(left),
             "What the plain model leaves, as a share of each run's step, with two standard "
             "uncertainties (number of runs in brackets), and its spectrum of relaxation times. "
-            + parted_by(left, found.remainder.varies_with),
+            + parted_by(left, [*found.remainder.varies_with, *described]),
             f"What is left in the readings of the {sensor}, and its relaxation times",
         )
     return figures
