@@ -118,7 +118,7 @@ def copied(campaign: Path, to: Path, serial: int) -> Path:
 
 def expected(made: list[Path], copies: list[Path]) -> dict[str, object]:
     """The fleet's document from the few that were recorded, each characterized once in this process."""
-    few = [statistics_from(measure(FleetTask(str(path), "1", None, None))["found"]) for path in made]
+    few = [statistics_from(measure(FleetTask(str(path), str(path), "1", None, None))["found"]) for path in made]
     fleet = fleet_of([as_copy(few[i % len(few)], path, 1000 + i) for i, path in enumerate(copies)])
     document = json.loads(json.dumps(fleet_document(fleet)))
     document.pop("provenance")

@@ -31,9 +31,13 @@ DIED = f"the process that worked on it died {DEATHS} times (out of memory?); cha
 
 @dataclass(frozen=True)
 class FleetTask:
-    """One probe of one campaign, and with what to characterize it; `kept` is the folder of what is done."""
+    """One probe of one campaign, and with what to characterize it; `kept` is the folder of what is done.
+
+    `path` is the campaign's folder as it was named; the others are absolute: a worker may have been started elsewhere.
+    """
 
     path: str
+    folder: str
     probe: str
     extend: str | None
     kept: str | None
@@ -54,7 +58,7 @@ def measure(task: FleetTask) -> dict[str, Any]:
     from shockrig.protocols.made_before import key_of, made_from
 
     try:
-        campaign = read_campaign(task.path, task.probe)
+        campaign = read_campaign(task.folder, task.probe)
         made = made_from(campaign, Tolerance())
         mark, diagnosis = made["fingerprint"], key_of(campaign.name, made)
         extended = "" if task.extend is None else Path(task.extend).read_text(encoding="utf-8")
@@ -94,7 +98,7 @@ def tasks_of(folders: Sequence[Path], extend: Path | None, kept: Path | None) ->
             failed[str(path)] = str(error)
             continue
         stated, place = (None if x is None else str(x.resolve()) for x in (extend, kept))
-        tasks += [FleetTask(str(path), probe, stated, place) for probe in probes]
+        tasks += [FleetTask(str(path), str(path.absolute()), probe, stated, place) for probe in probes]
     return tasks, failed
 
 

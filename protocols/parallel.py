@@ -120,6 +120,10 @@ def _client(distributed: Any, workers: int, scheduler: str | None) -> Iterator[A
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise InputError(f"--scheduler {scheduler}: {reason}; start one with dask scheduler") from None
         with client:
+            try:
+                client.wait_for_workers(1, timeout=JOINED_WITHIN)
+            except OSError:
+                raise InputError(f"--scheduler {scheduler}: has no worker; start some with dask worker") from None
             yield client
         return
     settings = {

@@ -1,9 +1,14 @@
 """One map in this process, on processes, on Dask: the same outcomes; a worker that dies costs its task alone."""
 
 import contextlib
+import json
 import os
 import signal
 import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import dask
 import distributed
@@ -11,6 +16,7 @@ import pytest
 
 from shockrig.files.errors import InputError
 from shockrig.protocols import parallel
+from shockrig.protocols.fleet_map import measure, tasks_of
 
 WAYS = {"here": (1, None), "processes": (2, False), "dask": (2, True)}
 KILLS = 5
@@ -80,3 +86,38 @@ def test_a_scheduler_that_is_not_there_is_said(monkeypatch):
     monkeypatch.setattr(parallel.importlib.util, "find_spec", lambda name: None)
     with pytest.raises(InputError, match=r"pip install 'shockrig\[fleet\]'"):
         parallel.mapped(square, range(3), 2, "tcp://127.0.0.1:9")
+
+
+@contextlib.contextmanager
+def started(*words, folder):
+    """A command of Dask in a process of its own, in another folder than this one."""
+    command = [sys.executable, "-m", "dask", *words, "--no-dashboard"]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    with subprocess.Popen(command, cwd=folder, **quiet) as process:
+        try:
+            yield
+        finally:
+            process.terminate()
+
+
+def test_a_cluster_that_is_running_already_takes_the_tasks(tmp_path, monkeypatch):
+    """Without a worker it would wait for ever. With one, relative paths are those of who asks, not of the worker."""
+    file = tmp_path / "scheduler.json"
+    monkeypatch.setattr(parallel, "JOINED_WITHIN", "1s")
+    with started("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(file), folder=tmp_path):
+        deadline = time.monotonic() + 60.0
+        while not file.exists() or not file.read_text():
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        address = json.loads(file.read_text())["address"]
+        with pytest.raises(InputError, match="has no worker; start some with dask worker"):
+            list(parallel.mapped(abs, [-1], 2, address))
+        monkeypatch.setattr(parallel, "JOINED_WITHIN", "60s")
+        (tmp_path / "mine" / "c").mkdir(parents=True)
+        head = {"format": "shock-campaign/1", "name": "c", "sensors": {"imet": {"kind": "imet-xf"}}}
+        (tmp_path / "mine" / "c" / "campaign.json").write_text(json.dumps(head))
+        with started("worker", address, "--nthreads", "1", "--no-nanny", folder=tmp_path):
+            monkeypatch.chdir(tmp_path / "mine")
+            tasks, _ = tasks_of([Path("c")], None, None)
+            ((_, outcome),) = parallel.mapped(measure, tasks, 2, address)
+    assert outcome["failed"].startswith(f"{tmp_path / 'mine' / 'c' / 'runs'}: no runs")
