@@ -374,11 +374,9 @@ def _tried(found: Search) -> tuple[Tried, ...]:
         if len(more) == 1 and one.ids > found.best.ids and weight > 0.01:
             (effect,) = more
             if not is_described(effect):
-                why_not = (
-                    f"unseen runs bear it out with a probability of {found.probability(effect):.2f}, "
-                    f"and a name takes {level('named'):g}"
+                said[effect] = Tried(
+                    effect, f"unseen runs bear it out with a probability of {found.probability(effect):.2f}"
                 )
-                said[effect] = Tried(effect, why_not)
     return tuple(said.values())
 
 

@@ -164,7 +164,8 @@ def _channel(view: ChannelView) -> list[Block]:
         blocks.append(Text("What these runs cannot tell: " + " ".join(found.cannot_tell), "warning"))
     if found.tried:
         rows = [[named(t.effect), t.why] for t in found.tried]
-        blocks.append(Table(("effect", "why not"), rows, "What was tried, helps the fit, and is not named"))
+        caption = f"What was tried, helps the fit, and is not named: a name takes a probability of {level('named'):g}"
+        blocks.append(Table(("effect", "why not"), rows, caption))
     blocks += figure("before_after")
     if view.held.run_ids:
         blocks.append(Text(_size_words(view)))
