@@ -245,6 +245,7 @@ def _of_filters(design: Design) -> dict[str, float]:
         "LEAST_VARIANCE": causal_bank.LEAST_VARIANCE,
         "MOST_UNLIKELY": causal_bank.MOST_UNLIKELY,
         "LEAST_LIKELY": causal_bank.LEAST_LIKELY,
+        "LEAST_SHARE": causal_bank.LEAST_SHARE,
         "FAR_C": causal.FAR_C,
         "REFERENCE_AIRSPEED": REFERENCE_AIRFLOW_M_S,
         "LONGEST_FILL": LONGEST_FILL_S,

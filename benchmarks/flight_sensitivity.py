@@ -41,7 +41,7 @@ SMOOTHER = (
 CAUSAL = (
     "causal_bank.LEARNING", "causal_bank.STRENGTH_LASTS_S", "causal_bank.BETWEEN_BENDS_S", "causal_bank.BEND_LASTS_S",
     "causal_bank.BETWEEN_DOORS_S", "causal_bank.DOOR_LASTS_S", "causal_bank.UNSURE_OF_STRENGTH", "causal.UNREAD_S",
-    "causal.UNREAD_PERIODS", "causal.VAPOUR_PER_K",
+    "causal.UNREAD_PERIODS", "causal.VAPOUR_PER_K", "causal_bank.LEAST_SHARE",
 )  # fmt: skip
 CAUSES = {
     "second lag": "a second lag",

@@ -33,10 +33,13 @@ STRENGTH_LASTS_S = 60.0  # the air keeps its strength for so long,
 BETWEEN_BENDS_S, BEND_LASTS_S = 100.0, 20.0  # so long lies between two bends, and one lasts,
 BETWEEN_DOORS_S, DOOR_LASTS_S = 1000.0, 5.0  # and so of doors
 # ln of the middle strength moves along the likelihood's slope, which leaves it unsure by sqrt(LEARNING / 2)
-LEARNING, MOST_LEARNT = 0.1, 0.5
+LEARNING, MOST_LEARNT = 0.03, 0.5
 UNSURE_OF_STRENGTH = exp(LEARNING)  # of the variance, its mean factor; more than that is between the first two filters
 LEAST_LIKELY = 1e-6
 LEAST_VARIANCE = 1e-9
+# A filter takes over from another what that is worth beyond so much: an unlikely door is kelvins away, and its square
+# would make a calm filter as unsure as if it had been a little likely in every row
+LEAST_SHARE = 1e-3
 MOST_UNLIKELY = 60.0  # ln
 CONFIDENCE = 0.95
 ERF, ERF_BEND = 1.12838, 0.10277  # erf(x) = tanh(a x + b x^3) within 0.0004, which is 1 beyond the ends
@@ -258,8 +261,7 @@ class Bank:
         likely = self.likely * np.exp(np.maximum(cost.min() - cost, -MOST_UNLIKELY))
         self.likely = np.maximum(likely / likely.sum(), LEAST_LIKELY)
         self.likely /= self.likely.sum()
-        calm = self.likely[WEAK] + self.likely[STRONG]
-        slope = calm * (cost[WEAK] - cost[STRONG]) / np.log(TURBULENCE[STRONG] / TURBULENCE[WEAK])
+        slope = (cost[WEAK] - cost[STRONG]) / np.log(TURBULENCE[STRONG] / TURBULENCE[WEAK])
         self._learn(min(max(LEARNING * slope, -MOST_LEARNT), MOST_LEARNT))
 
     def _learn(self, ln_factor: float) -> None:
@@ -335,6 +337,8 @@ class Bank:
         share = move * self.likely[:, None]  # from, to
         self.likely = share.sum(axis=0)
         share = (share / self.likely).T  # to, from
+        share = np.maximum(share - LEAST_SHARE, 0.0)
+        share /= share.sum(axis=1, keepdims=True)
         mean = share @ self.mean
         off = self.mean - mean[:, None]  # to, from, state
         weighted = share[:, :, None] * off

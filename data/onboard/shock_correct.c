@@ -338,12 +338,17 @@ static void mix(bank *b, float step_s) {
   size_t size = packed_size(b);
   moves(step_s, move);
   for (to = 0; to < SHOCK_FILTERS; to++) {
+    float whole = 0.0f;
     likely[to] = 0.0f;
     for (from = 0; from < SHOCK_FILTERS; from++) {
       share[to][from] = move[from][to] * b->own->likely[from];
       likely[to] += share[to][from];
     }
-    for (from = 0; from < SHOCK_FILTERS; from++) share[to][from] /= likely[to];
+    for (from = 0; from < SHOCK_FILTERS; from++) {
+      share[to][from] = most(share[to][from] / likely[to] - @LEAST_SHARE@, 0.0f);
+      whole += share[to][from];
+    }
+    for (from = 0; from < SHOCK_FILTERS; from++) share[to][from] /= whole;
     for (i = 0; i < n; i++) {
       /* differences: of numbers that are nearly equal, they keep their digits */
       float sum = 0.0f, first = b->mean[i];
@@ -490,8 +495,8 @@ static void update(bank *b, const float *on, float reading, float noise_variance
   }
   for (f = 0; f < SHOCK_FILTERS; f++) b->own->likely[f] /= low;
   /* the middle strength, along the slope of the likelihood */
-  sum = (b->own->likely[WEAK] + b->own->likely[STRONG]) / logf(STRENGTH[STRONG] / STRENGTH[WEAK]);
-  learn(b, within(@LEARNING@ * sum * (cost[WEAK] - cost[STRONG]), -@MOST_LEARNT@, @MOST_LEARNT@));
+  sum = (cost[WEAK] - cost[STRONG]) / logf(STRENGTH[STRONG] / STRENGTH[WEAK]);
+  learn(b, within(@LEARNING@ * sum, -@MOST_LEARNT@, @MOST_LEARNT@));
 }
 
 /* The guard */

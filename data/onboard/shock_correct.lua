@@ -256,7 +256,12 @@ local function mix(b, step_s)
       share[to][from] = move[from][to] * b.likely[from]
       likely[to] = likely[to] + share[to][from]
     end
-    for from = 1, FILTERS do share[to][from] = share[to][from] / likely[to] end
+    local whole = 0.0
+    for from = 1, FILTERS do
+      share[to][from] = max(share[to][from] / likely[to] - @LEAST_SHARE@, 0.0)
+      whole = whole + share[to][from]
+    end
+    for from = 1, FILTERS do share[to][from] = share[to][from] / whole end
     for i = 1, n do
       local first, sum = b.mean[1][i], 0.0
       for from = 2, FILTERS do sum = sum + share[to][from] * (b.mean[from][i] - first) end
@@ -393,8 +398,8 @@ local function update(b, on, reading, noise_variance)
     whole = whole + b.likely[f]
   end
   for f = 1, FILTERS do b.likely[f] = b.likely[f] / whole end
-  local calm = (b.likely[WEAK] + b.likely[STRONG]) / log(STRENGTH[STRONG] / STRENGTH[WEAK])
-  learn(b, within(@LEARNING@ * calm * (cost[WEAK] - cost[STRONG]), -@MOST_LEARNT@, @MOST_LEARNT@))
+  local slope = (cost[WEAK] - cost[STRONG]) / log(STRENGTH[STRONG] / STRENGTH[WEAK])
+  learn(b, within(@LEARNING@ * slope, -@MOST_LEARNT@, @MOST_LEARNT@))
 end
 
 local DECIMAL_STEPS = {@DECIMAL_STEPS@, 0.0} -- the last: written in none of them

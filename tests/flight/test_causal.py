@@ -63,12 +63,13 @@ def test_at_one_strength_the_last_row_is_the_smoother_s(monkeypatch):
 
 
 def turbulent(rng, strength, count, step_s=0.1, tau_s=0.2):
-    """Air of turbulence on a straight trend, and what a sensor of one lag shows of it."""
-    decay = np.exp(-RATES_PER_S * step_s)
-    state, air = strength * np.sqrt(OU_VARIANCES) * rng.standard_normal(3), np.empty(count)
+    """Air of turbulence, of one strength or of one for each row, on a straight trend, and what a sensor of one lag
+    shows of it."""
+    decay, strength = np.exp(-RATES_PER_S * step_s), np.broadcast_to(strength, count)
+    state, air = strength[0] * np.sqrt(OU_VARIANCES) * rng.standard_normal(3), np.empty(count)
     for i in range(count):
         air[i] = 20.0 - 0.02 * step_s * i + state.sum()
-        state = decay * state + strength * np.sqrt(OU_VARIANCES * (1 - decay**2)) * rng.standard_normal(3)
+        state = decay * state + strength[i] * np.sqrt(OU_VARIANCES * (1 - decay**2)) * rng.standard_normal(3)
     shown, old, new, gone = np.empty(count), *hold(np.array([1 / tau_s]), np.array(step_s))
     shown[0] = air[0]
     for i in range(1, count):
@@ -128,6 +129,46 @@ def test_uncertainty_holds_in_weak_and_strong_turbulence_whatever_it_waits_for(s
     for wait in waits:
         assert 0.9 <= np.mean(covered[wait]) <= 0.995, wait
     assert 0.5 * strength < np.median(middle) < 2.0 * strength
+
+
+def test_a_door_that_nothing_tells_of_makes_no_calm_filter_less_sure(monkeypatch):
+    rate, weight, noise = np.array([1.0]), np.array([1.0]), 0.02
+    rng, sure = np.random.default_rng(7), []
+    reading = turbulent(rng, 0.005, 900, tau_s=1.0)[1] + noise * rng.standard_normal(900)
+    for between_s in (causal_bank.BETWEEN_DOORS_S, 1e9):
+        monkeypatch.setattr(causal_bank, "BETWEEN_DOORS_S", between_s)
+        causal_bank.moves.cache_clear()
+        bank, own = Bank(TEMPERATURE_LADDER, 1, False), []
+        bank.start(reading[0], 2.0, weight)
+        for i, value in enumerate(reading):
+            if i:
+                bank.predict(0.1, weight, rate)
+            bank.update(value, noise**2)
+            own.append(bank.now().own[causal_bank.WEAK])
+        sure.append(np.sqrt(np.median(own[450:])))
+    causal_bank.moves.cache_clear()
+    assert sure[0] < 1.1 * sure[1]
+
+
+def test_turbulence_that_sets_in_is_learnt_and_not_taken_for_bends_and_doors():
+    noise, waits, onset, count = 0.02, (0, 20, 50), 600, 1500
+    covered = {wait: [] for wait in waits}
+    for seed in range(3):
+        rng = np.random.default_rng([seed, 11])
+        air, shown = turbulent(rng, np.where(np.arange(count) < onset, 0.003, 0.1), count, tau_s=1.0)
+        bank, rate, weight = Bank(TEMPERATURE_LADDER, 1, False, max(waits)), np.array([1.0]), np.array([1.0])
+        bank.start(shown[0], 2.0, weight)
+        for i, value in enumerate(shown + noise * rng.standard_normal(count)):
+            if i:
+                bank.predict(0.1, weight, rate)
+            bank.update(value, noise**2)
+            bank.keep()
+            for wait in waits:
+                if i - wait >= onset + 200:
+                    found = bank.ago(wait)
+                    covered[wait].append(abs(found.value - air[i - wait]) <= 1.96 * np.sqrt(found.stated))
+    for wait in waits:
+        assert 0.82 <= np.mean(covered[wait]) <= 0.99, wait
 
 
 def test_where_readings_say_little_the_strength_goes_to_the_usual_one():
