@@ -91,8 +91,11 @@ def learned_profile(
 
 
 def _shown(channel: ChannelLearned | None) -> dict[str, LearnedNumber] | None:
-    """Parameters of the likeliest law that gives a channel its lag, where flights show one."""
+    """Parameters of the likeliest law that gives a channel its lag, where flights show one and the likeliest model has
+    a law of the channel: it is that model by which passes came nearer."""
     if channel is None or channel.verdict in ("adequate", "not identifiable") or not channel.gains:
+        return None
+    if all(law.channel != channel.channel for law in channel.fit.laws):
         return None
     lags = [cause for cause in channel.causes if cause.law.lags is not None]
     return {one.name: one for one in lags[0].parameters} if lags else None
