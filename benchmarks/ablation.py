@@ -203,7 +203,8 @@ def comes_to(base: dict[str, Any], rule: Rule) -> bool:
 
 def state() -> str:
     """The last commit that changed the analysis."""
-    told = subprocess.run(["git", "log", "-1", "--format=%h", "--", "analysis"], capture_output=True, text=True)
+    command = ["git", "log", "-1", "--format=%h", "--", "analysis"]
+    told = subprocess.run(command, cwd=Path(__file__).parent.parent, capture_output=True, text=True)
     return told.stdout.strip()
 
 

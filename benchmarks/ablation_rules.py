@@ -41,16 +41,8 @@ class Rule:
         return {place.rpartition(".")[2].removeprefix("level:") for place in self.instead}
 
 
-def _same(thing: Any, *_: Any, **__: Any) -> Any:
-    return thing
-
-
 def _never(*_: Any, **__: Any) -> bool:
     return False
-
-
-def _always(*_: Any, **__: Any) -> bool:
-    return True
 
 
 def _none(*_: Any, **__: Any) -> None:
@@ -61,35 +53,26 @@ def _nothing(*_: Any, **__: Any) -> list[Any]:
     return []
 
 
-def _no_text(*_: Any, **__: Any) -> str:
-    return ""
-
-
 def _second(_: Any, thing: Any, *__: Any, **___: Any) -> Any:
     return thing
 
 
-def _aic(parameters: int) -> float:
-    return 2.0 * max(parameters, 1)
+def _stated(channel: Any, ready: Any, parts: Any, found: Any, stands: Any, shown: Any) -> Any:
+    return stands
 
 
-def _no_exchange(self: Any, current: Any, swap: bool = True) -> tuple[Any, dict[str, Any], bool]:
-    """Each effect stands by its own necessity, with nothing tried in its place."""
-    search = import_module(f"{HOME}.diagnosis.search")
-    standing = {}
-    for effect in self.added(current):
-        bare = self.dropped(current, effect)
-        worth = search.borne_out(self.problem, bare, current)
-        standing[effect] = search.Standing(bare.deviance - current.deviance, worth, {}, {})
-    return current, standing, False
+def _sound_as_it_is(self: Any, near: Any, one: Any) -> Any:
+    """A model is kept as it was fitted, or not at all."""
+    candidates = import_module(f"{HOME}.diagnose.candidates")
+    return self.keep(one) if candidates.sound(one.fit, one.ids - self.fixed) else None
 
 
 def level(name: str, value: float, does: str) -> Rule:
     return Rule(name, does, {f"level:{name}": value})
 
 
-S, K, N, D = "diagnosis.search.", "diagnosis.kept.", "diagnosis.naming.", "discovery.discover."
-A, G, R, W = "diagnosis.adequacy.", "diagnosis.gain.", "diagnosis.refitting.", "diagnosis.diagnose."
+S, C, G, D = "diagnose.search.", "diagnose.candidates.", "diagnose.gain.", "diagnose.diagnose."
+A, R, N, E = "diagnose.adequacy.", "diagnose.refitting.", "estimate.noise.", "estimate."
 
 RULES = (
     # The verdict.
@@ -97,105 +80,59 @@ RULES = (
     level("held_out_excess", INF, "an error of twice the noise on unseen runs is a remainder"),
     level("rate_scatter", INF, "rates that scatter by 2.2 % are an effect"),
     level("stated_scatter", 1.0, "stated uncertainties may be exceeded by 1.7"),
+    Rule("hum taken out", "a hum of the plateaus is taken out first", {f"{D}without_hum": lambda c: (c, None)}),
     Rule("least hum", "a line counts from a quarter of the noise on", {f"{A}LEAST_HUM": 0.0}),
-    Rule("bursts", "a reading belongs to a burst from 5.5 sigma on", {f"{A}BURST": INF}),
-    Rule("hum beside slow noise", "the noise beside a line is taken as it is", {f"{A}_beside": np.ones_like}),
-    Rule("restless", "hum and bursts are described from the plateaus", {f"{W}restless": lambda *_: ()}),
-    Rule("nothing else", "a hum alone is 'described'", {f"{W}nothing_else": _never}),
-    # Caps of a probability.
-    Rule("in doubt", "a shape beside what is left has 0.8 or 0.5 at most", {f"{W}in_doubt": _same}),
-    level("shape_in_doubt", 1.0, "cap at 0.8 of what is beside a remainder, or of one run"),
-    level("shape_beside_most", 1.0, "cap at 0.5 where most of the error is left"),
-    level("outdone", 1.0, "cap at 0.5 of a cause that a plain behaviour outdoes"),
-    Rule("tied by forms", "a cause shares its odds with like laws and forms", {f"{W}tied": _same}),
-    Rule("no surer", "no likelier than beside what is left later", {f"{K}_no_surer": _same}),
-    Rule("no surer than runs", "parameters no surer than a jackknife", {f"{W}no_surer_than_runs": _second}),
-    Rule("film's temperature unknown", "cap at 0.5 of shapes there", {f"{K}own_temperature_unknown": _never}),
-    Rule("film's air unknown", "cap at 0.5 of bodies there", {f"{K}air_of_a_film_unknown": _never}),
-    Rule("one of two readings", "how an unknown film reads is in doubt", {f"{K}_one_of_two_readings": _never}),
-    Rule(
-        "caps of a description",
-        "0.5 with work ended or a remainder, 0.97 in any case",
-        {f"{D}UNTRIED": 1.0, f"{D}MOST_CERTAIN": 1.0},
-    ),
-    Rule("inflation of ties", "beside a remainder ties are wider", {f"{A}Adequacy.inflation": property(lambda _: 1.0)}),
-    # What is named.
-    Rule("certain", "beside a remainder a cause must dwarf it", {f"{K}_certain": _always}),
-    level("certain_excess", 0.0, "by 20 times what is left"),
-    level("certain_least", 0.0, "and by 200 of deviance besides"),
-    Rule("plain shape", "a shape is no claim where the body is unknown", {f"{K}_plain_shape": _never}),
-    Rule("dropped", "what unseen runs do not bear out is dropped", {f"{K}_dropped": _nothing}),
-    Rule("unproven", "one run bears no cause out", {f"{K}_unproven": _nothing}),
-    level("many_runs", INF, "with 20 runs the fit's evidence may stand for the gain"),
-    level("plain_to_see", 0.0, "one run must show a shape by 1.5 in mean squares"),
-    Rule("unsettled", "no shape from a run that has not settled", {f"{K}_unsettled": _never}),
-    Rule("weighed alike", "a wrong model is fitted for what it predicts", {f"{K}weighed_alike": _second}),
-    Rule(
-        "anything",
-        "a number that may be anything is none",
-        {f"{S}says_nothing": _no_text, f"{K}says_nothing": _no_text},
-    ),
-    Rule("refused", "an entry's own refusal", {f"{S}refused": _never, f"{K}refused": _never, f"{N}refused": _never}),
-    Rule("doubts", "plain forms in a name's place", {f"{W}doubts": _nothing}),
-    Rule("from rivals", "search again from the law of a missed effect", {f"{W}from_rivals": _none}),
-    Rule(
-        "from a description",
-        "search again from what a description's law is",
-        {"diagnosis.describing.from_description": _none},
-    ),
-    Rule("plainly", "a form must beat a name by odds of 400", {f"{N}PLAINLY": 6.0}),
-    Rule("average", "a running mean that the response shows", {f"{W}likelier_average": _none}),
-    Rule("not gaussian", "codes say less than their variance, by 1.5", {"level:not_gaussian": 1.0}),
-    # The penalty.
-    Rule("false alarms", "penalty from 1 % of plain campaigns; instead: AIC", {"diagnosis.thresholds._quantile": _aic}),
-    Rule(
-        "rarity",
-        "what benches rarely have must bring more",
-        {"inference.effect.Effect.rarity": lambda *_: 0.0},
-    ),
-    Rule("Student", "a drop counts by Student's t", {f"{S}evidence": _second}),
-    Rule("less scatter", "an effect that replaces scatter is worth it", {f"{S}LESS_SCATTER": INF}),
-    Rule("worse without", "each effect must help unseen runs", {f"{K}worse_without": _always}),
-    Rule("trace", "a hundredth of the error is no gain", {f"{G}TRACE": 0.0}),
-    Rule("usual spread", "gains scatter by half before runs say so", {f"{G}USUAL_SPREAD": 0.0}),
-    Rule("confidence", "a gain is one at 97.5 %", {f"{G}CONFIDENCE": 0.5}),
+    Rule("bursts", "a reading belongs to a burst from 5.5 sigma on", {f"{A}BURST_SIGMAS": INF}),
+    Rule("noise beside a line", "a line stands on the noise around it", {f"{A}_beside": np.ones_like}),
+    Rule("restless", "bursts are described from the plateaus", {f"{D}restless": lambda *_: ()}),
+    Rule("nothing else", "a hum or bursts alone are 'described'", {f"{D}nothing_else": _never}),
+    Rule("refuted", "a model that runs held out refute is not stated", {f"{D}refuted": _never}),
+    Rule("predicting", "another model may predict than is stated", {f"{D}_predicting": _stated}),
+    # What a model is held against before any data, and from when on it is stated.
+    level("effect", 1.0, "nats against an effect; instead: AIC"),
+    level("form", 0.0, "nats against a form beside an entry"),
+    level("factor", 0.0, "nats against each condition of a form"),
+    level("named", 0.5, "an effect more is stated from 0.75 on"),
+    level("tie", 1.0, "a twentieth of the weight is a tie"),
+    Rule("rarity", "what benches rarely have must bring more", {f"{E}effect.Effect.rarity": lambda *_: 0.0}),
+    # What says nothing.
+    level("anything", INF, "a number that may be anything is none"),
+    Rule("end of range", "nor is one at the end of its range", {f"{C}at_bound": lambda *_: ()}),
+    Rule("refused", "an entry's own refusal", {f"{C}refused": _never}),
+    Rule("unended", "no shape from a run that still moves", {f"{C}_unended": _never}),
+    Rule("sound part", "what a new effect leaves idle goes", {f"{S}Race._sound_part": _sound_as_it_is}),
+    # The score.
+    Rule("discrepancy", "each model is wrong by something of its own", {f"{E}predictive.DISCREPANCIES": np.zeros(1)}),
+    Rule("noise of a run", "a run's noise is not quite known", {f"{E}predictive.NOISE_DEGREES": 1e6}),
     # The search.
-    Rule("exchange", "each effect against all in its place", {f"{S}Stepwise.exchange": _no_exchange}),
-    Rule("backward", "effects that no longer earn their place go", {f"{S}Stepwise.backward": _second}),
+    Rule("forms", "the grammar", {f"{C}forms": _nothing}),
+    Rule("groups", "forms in groups of runs", {f"{S}bare_forms": lambda *_: ()}),
+    Rule("regrouped", "a form moves to the group that suits it", {f"{S}Race._regrouped": _none}),
+    Rule("simplest", "a form's conditions are taken away and others added", {f"{S}Race.simplest": _second}),
+    Rule("pruned", "what gains no longer goes", {f"{S}Race.pruned": _second}),
+    Rule("exchanged", "each effect against the others in its place", {f"{S}Race.exchanged": _second}),
+    Rule("within reach", "a fit may bring 3 nats more than its promise", {f"{S}WITHIN_REACH": 0.0}),
     Rule(
-        "in its place",
-        "rivals begin from where the one found led",
-        {f"{S}Stepwise._transfers_marked": property(_never)},
+        "far", "from a plainly wrong model fits begin anew", {f"{S}FAR_DISCREPANCY": INF, f"{S}plainly_wrong": _never}
     ),
-    Rule("worth a fit", "a quarter of the penalty to first order", {f"{S}WORTH_A_FIT": 0.0}),
-    Rule("finished", "three candidates are carried to the end", {f"{S}FINISHED": 1}),
-    Rule("limit of fits", "200 fits of a search", {f"{S}MOST_FITS": 1e9}),
-    Rule("mirror", "a share at its end changes places with the body", {f"{R}mirror": _none, f"{S}mirror": _none}),
-    Rule("nudges", "fits from beside a step", {f"{R}_nudged": _nothing}),
+    Rule("begun", "16 candidates are begun; instead: 8", {f"{S}BEGUN_COUNT": 8}),
+    Rule("finished", "three are carried to the end; instead: one", {f"{S}FINISHED_COUNT": 1}),
+    Rule("starts", "two starts each; instead: one", {f"{S}STARTS_EACH": 1}),
+    Rule("mirror", "a share at its end changes places with the body", {f"{R}mirror": _none}),
+    Rule("nudges", "fits from beside where one ended", {f"{R}_nudged": _nothing}),
     Rule("unstuck", "runs stuck before a step are moved", {f"{R}unstuck": _second}),
-    Rule("far rounds", "five rounds where the model is plainly wrong", {f"{R}FAR_ROUNDS": 1}),
-    # The description.
-    Rule("all descriptions", "the grammar's search", {f"{W}describe_rest": _none}),
-    Rule("alone", "a description may do without the names", {"diagnosis.describing.alone": _never}),
-    Rule(
-        "idle", "names not worth their penalty beside it go", {"diagnosis.describing.without_idle": lambda p, q, f: f}
-    ),
-    Rule("two forms", "at most two forms, the second where half is gone", {f"{D}MOST": 1}),
-    Rule("hardly", "no second form where half is left", {f"{D}HARDLY": INF}),
-    Rule(
-        "null of the maximum",
-        "what the best of all forms reaches by chance",
-        {"discovery.scores.null_of_the_maximum": lambda *_: 0.0},
-    ),
-    Rule("certain description", "10 times what is left, and 60", {f"{D}CERTAIN": 0.0, f"{D}CERTAIN_LEAST": 0.0}),
-    Rule(
-        "by condition", "whole conditions must be predicted", {"discovery.conditions.Judged.holds": property(_always)}
-    ),
-    Rule("says something", "no number at its end", {f"{D}says_something": _always, f"{N}says_something": _always}),
-    Rule("most of it", "a description must end 0.9 of the error", {"diagnosis.describing.MOST": 0.0}),
-    Rule("plainest", "forms that a flight can use go first", {f"{D}_plainest": lambda found, left: found[0]}),
-    Rule("less", "factors not worth their number go", {f"{D}_less": lambda p, stages, now, work: (stages, now)}),
-    Rule("factor", "a factor must bring 14, not 6", {"discovery.race.FACTOR": 6.0}),
+    # The noise.
+    Rule("average", "a running mean that the response shows", {f"{D}likelier_average": _none}),
+    level("not_gaussian", 1.0, "codes say less than their variance, by 1.5"),
+    Rule("no memory without end", "noise remembers 0.995 at most", {f"{N}LONGEST_MEMORY": 1.0 - 1e-9}),
+    Rule("kinks", "a piece with a kink is no plateau", {f"{N}KINKED_DEVIATIONS": INF}),
+    # Runs held out.
+    Rule("placed", "a held-out run's own start and airs, within 2 sigma", {f"{G}PLACED_WITHIN": 0.0}),
+    Rule("untold", "no prediction by a part that does not tell the rate", {f"{G}UNTOLD_SIGMA": INF}),
+    # What runs are used, and what may vary between them.
+    Rule("slight steps", "a run of a tenth of the largest step is left out", {f"{E}gather.SLIGHT_STEP": 0.0}),
+    Rule("rates' scatter", "rates scatter by 3 % at most", {f"{E}problem.RATE_SCATTER_LIMIT": 10.0}),
+    Rule("unknown airflow", "rates scatter by half without airflow", {f"{E}problem.UNVENTILATED_LIMIT": 0.03}),
 )
 
 
@@ -219,7 +156,7 @@ def _owner(place: str) -> tuple[Any, str] | None:
 
 def _thresholds() -> dict[str, Any]:
     try:
-        table: dict[str, Any] = import_module(f"{HOME}.diagnosis.thresholds").THRESHOLDS
+        table: dict[str, Any] = import_module(f"{HOME}.diagnose.thresholds").THRESHOLDS
     except (ModuleNotFoundError, AttributeError):
         return {}
     return table
@@ -250,7 +187,7 @@ def _watched(was: Any, instead: Any, fired: Callable[[], None]) -> Any:
 
     def watched(*args: Any, **kwargs: Any) -> Any:
         result = own(*args, **kwargs)
-        if other is _no_exchange or _differs(result, other(*args, **kwargs)):
+        if _differs(result, other(*args, **kwargs)):
             fired()
         return result
 
