@@ -269,7 +269,7 @@ def changes(before: dict[str, Any], after: dict[str, Any]) -> tuple[int, list[st
             sign += int(np.sign(was - now)) * (1 if names[0][effect][2] else -1)
             said.append(f"{effect} {was:.2f} -> {now:.2f}")
     if before["described"] != after["described"]:
-        sign += len(before["described"]) - len(after["described"])
+        sign += max(len(before["described"]) - len(after["described"]), 0)  # more of them is no gain by itself
         said.append(f"described {before['described']} -> {after['described']}")
     elif before["sure"] != after["sure"]:
         said.append(f"description {before['sure']} -> {after['sure']}")
