@@ -85,7 +85,7 @@ class FlightBins:
     passes: tuple[Pass, ...]
     sensors: tuple[FlightBins, ...] = ()
 
-    @property
+    @cached_property
     def begins(self) -> tuple[int, ...]:
         """The first bin of each sensor."""
         return tuple(np.cumsum([0, *(one.time_s.size for one in self.sensors[:-1])]).tolist())

@@ -122,26 +122,24 @@ def response(lags: tuple[tuple[Array, Array], ...], bins: FlightBins, air: Array
     q = e q' + sum_k w_k u_k, w_k = exp(-(h - t_k)/tau) between the parts' ends, and its mean over the bin is
     that of the air less tau (q - q')/h, both exact; it begins settled to the first air, each sensor to its own.
     """
-    mean = air.mean(axis=1)
-    if not lags:
-        return mean
-    rest = 1.0 - np.sum([share for share, _ in lags], axis=0)
-    seen = rest[:, None] * mean
-    parts = np.arange(air.shape[1] + 1) / air.shape[1]
+    seen: Array = np.add.reduce(air, axis=1)
+    seen /= air.shape[1]  # what is read at once and what each lag reads of the mean: their shares are 1 together
+    parts, begins = np.arange(air.shape[1] + 1) / air.shape[1], list(bins.begins)
     for share, tau in lags:
         x = bins.length_s / np.maximum(tau, 1e-6)
         left = np.exp(-np.minimum(x[:, None] * (1.0 - parts), 700.0))  # of what came by the end of each part
-        state = np.einsum("ik,ikm->im", np.diff(left, axis=1), air)
-        begins = list(bins.begins)
+        state = np.einsum("ik,ikm->im", left[:, 1:] - left[:, :-1], air)
         state[begins] += left[begins, 0, None] * air[begins, 0]
         band = np.ones((2, x.size))
         band[1, :-1] = -left[1:, 0]
         band[1, [b - 1 for b in begins[1:]]] = 0.0
         state = dtbtrs(band, state, uplo="L", overwrite_b=1)[0]
-        before = np.vstack([air[:1, 0], state[:-1]])
-        before[begins] = air[begins, 0]
-        seen = seen + share[:, None] * (mean - (state - before) / x[:, None])
-    return np.asarray(seen)
+        change = state.copy()
+        change[1:] -= state[:-1]
+        change[begins] = state[begins] - air[begins, 0]
+        change *= (share / x)[:, None]
+        seen -= change
+    return seen
 
 
 def drawn_back(lags: tuple[tuple[Array, Array], ...], bins: FlightBins, weights: Array) -> Array:
