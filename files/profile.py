@@ -57,7 +57,7 @@ FORMAT = "sensor-profile/1"
 ASSUMED_RELATIVE_UNCERTAINTY = 0.05  # of a diffusivity whose file gives no standard uncertainty
 LARGEST_RELATIVE_UNCERTAINTY = 1e6  # beyond it nothing was measured, and arithmetic would not survive it
 OF_BOTH = ("response_time_s", "sampling_period_s", "effects", "discovered")  # keys of either sensor
-REMEDY = "give the profile.json that shockrig characterize wrote"
+REMEDY = "give the profile.json that shockrig characterize or learn wrote"
 
 
 @dataclass(frozen=True, repr=False)

@@ -310,7 +310,7 @@ def disagree(one: ChannelLearned) -> str:
     """How far passes of a flight disagree, in a sentence."""
     unit = "K" if one.channel == "temperature" else "%RH"
     parts = [
-        f"{name} by {off.mean:+.2g} on average and {off.spread:.2g} {unit} about it"
+        f"{name} by {off.mean:+.2g} {unit} on average and {off.spread:.2g} {unit} about it"
         for name, off in (("as read", one.read), ("with one lag", one.single), ("with the model", one.model))
     ]
     whose = "passes of flights that were not fitted" if len(set(one.read.flight)) > 1 else "passes of the flight fitted"

@@ -145,7 +145,7 @@ class FlightBins:
 def why_nothing(flight: Flight) -> str:
     """Why nothing can be learned of a flight, in a sentence; empty where something may."""
     if flight.altitude_m is None or np.isfinite(flight.altitude_m).sum() < FEWEST_BINS:
-        return "it has no altitude, so nobody knows which air was passed twice"
+        return "no altitude was found in it (--column altitude=NAME), so nobody knows which air was passed twice"
     at = np.isfinite(flight.altitude_m) & np.isfinite(flight.time_s)
     known = flight.altitude_m[at]
     time_s, first = np.unique(flight.time_s[at], return_index=True)

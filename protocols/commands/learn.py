@@ -153,7 +153,7 @@ def _print(
     print(
         f"profile: {out / _named('profile', '.json', which)}"
         if profile
-        else "no profile: no lag that these flights show brings their passes together"
+        else "no profile: these flights show no lag that they identify and that brings their passes together"
     )
     if pair is not None and which:
         for name, apart in pair.apart.items():
