@@ -18,6 +18,7 @@ from shockrig.files.flight import Flight, FlightColumns, read_layout, squeeze
 from shockrig.files.flight_cells import Rows, joined, numbers_of, of_cells, read_blocks
 from shockrig.files.flight_intermet import day_first
 from shockrig.files.ranges import RANGES
+from shockrig.files.sentinels import NO_VALUE_WORDS
 
 Array = NDArray[np.float64]
 BLOCK_ROWS = 20_000
@@ -28,7 +29,6 @@ TIME_OF_DAY = r"\d{1,2}:\d\d(:\d\d([.,]\d+)?)?( ?[AaPp][Mm])?"
 DISORDER_S = 3600.0  # by which a row may be earlier than a log's first: 23 hours on, its day is the next
 ISO_UTC = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d{1,6})?)?Z?)?")
 SLOWEST_PACKED_S = 20.0  # a step from one reading to the next, or minutes could be passed over
-NO_VALUE = frozenset(("", "na", "n/a", "null", "none", "-", "--", "---"))  # what loggers write for no value
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def _text_cells(rows: Rows, layout: FlightColumns, quantity: str) -> NDArray[np.
     unread = np.isnan(_times(rows, layout) if quantity == "time" else rows.numbers[place])
     for row in np.flatnonzero(unread).tolist():
         cell = rows.cell(row, place)
-        unread[row] = cell.strip().lower() not in NO_VALUE and not _is_float(cell)
+        unread[row] = cell.strip().lower() not in NO_VALUE_WORDS and not _is_float(cell)
     return unread
 
 

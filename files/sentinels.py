@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+NO_VALUE_WORDS = ("", "na", "n/a", "null", "none", "-", "--", "---")  # what loggers write for no value, as text
 # code -> who writes it, of any quantity
 _ANY_QUANTITY = (
     dict.fromkeys((-9.0, -99.0, -999.0, -9999.0, -99999.0, -999999.0), "no value, in the archives of weather services")

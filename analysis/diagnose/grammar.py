@@ -252,7 +252,7 @@ def starts_of(effect: Effect, form: Form, channel: Channel) -> list[dict[str, fl
 DEPENDENCE_SIGMAS = 3.0  # beyond which a dependence is one
 # A dependence of this size is worth knowing; what is known better than this is excluded.
 WORTH_KNOWING = {"power": 0.15, "exponential": 0.01, "ratio": 0.1, "trend": 0.01}
-SHARP_HUMIDITY = 0.4
+WORTH_KNOWING_HUMIDITY = 0.4
 FACTOR_STEP = 1e-3  # of a factor's number, in finite differences
 MOST_ALTERNATIVES = 5
 
@@ -316,7 +316,7 @@ def _independent(problem: Problem, final: Fit, effect: Effect) -> tuple[str, ...
         if information <= 0:
             continue
         value, spread = score / information, 1.0 / np.sqrt(information)
-        sharp = SHARP_HUMIDITY if factor == "humidity" else WORTH_KNOWING[how]
+        sharp = WORTH_KNOWING_HUMIDITY if factor == "humidity" else WORTH_KNOWING[how]
         if abs(value) < DEPENDENCE_SIGMAS * spread and spread < sharp:
             free.append(factor)
     return tuple(free)

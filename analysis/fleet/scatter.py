@@ -29,9 +29,8 @@ from shockrig.files.fleet_file import RunScatter
 Array = NDArray[np.float64]
 
 TRIALS = scatters_tried()
-BENCH_SPREADS = np.linspace(
-    0.02, 0.5, 25
-)  # of ln sigma from bench to bench, that are tried; at the last one nothing is shared
+# Of ln sigma from bench to bench, that are tried; at the last one nothing is shared.
+BENCH_SPREADS = np.linspace(0.02, 0.5, 25)
 MOST_DEGREES = 0.5 / BENCH_SPREADS[0] ** 2
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, maximum_filter1d, uniform_filter1d
 
+from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
 from shockrig.analysis.flight.air_prior import Passing
 from shockrig.analysis.flight.comparisons import Told
 from shockrig.analysis.flight.doubts import airspeed_doubt
@@ -32,7 +33,7 @@ from shockrig.analysis.flight.response import LagResponse, film_response, unsure
 from shockrig.analysis.flight.screen import Screened, resolution_of, screen
 from shockrig.analysis.flight.smooth_channel import LONGEST_BRIDGE_S, Estimate, typical_period
 from shockrig.analysis.flight.smoother import followed
-from shockrig.analysis.flight.stretches import MOST_SHARE, TO_SIGMA, Felt, fastest, largest_share
+from shockrig.analysis.flight.stretches import MOST_SHARE, Felt, fastest, largest_share
 from shockrig.analysis.flight.sweep import lags_behind
 from shockrig.analysis.flight.undo_readout import (
     Acting,
@@ -200,7 +201,7 @@ def _own(
 
 def _spread(values: Array) -> float:
     """Standard deviation of most of the values."""
-    return TO_SIGMA * float(np.median(np.abs(values - np.median(values))))
+    return MAD_TO_SIGMA * float(np.median(np.abs(values - np.median(values))))
 
 
 REFERENCE_C = 20.0  # vapour is carried as relative humidity at this temperature
@@ -618,7 +619,7 @@ def _coupling(
     agree = float(np.mean(np.sign(a) * np.sign(b)))
     chance = lag / time_s.size  # variance of the mean sign, one independent pair every `lag` samples
     agree *= max(1.0 - chance / max(agree**2, chance), 0.0)
-    error = 0.5 * float(np.median(sigma)) / (TO_SIGMA * width_b)
+    error = 0.5 * float(np.median(sigma)) / (MAD_TO_SIGMA * width_b)
     slope = np.sin(0.5 * np.pi * agree) * width_a / width_b * max(1.0 - error**2, 0.0)
     return float(np.clip(-slope / np.median(percent_per_k), -MOST_COUPLING, MOST_COUPLING))
 

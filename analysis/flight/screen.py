@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter
 from scipy.special import bdtrc
 
-from shockrig.analysis.flight.stretches import FELT_SHARE, TO_SIGMA, Felt, judge, scatter, within
+from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
+from shockrig.analysis.flight.stretches import FELT_SHARE, Felt, judge, scatter, within
 from shockrig.analysis.flight.sweep import COARSE_IN_NOISE
 from shockrig.files.flight import Flight
 from shockrig.files.numbers import counted
@@ -549,7 +550,7 @@ def _spikes(values: Array, new: NDArray[np.int64], swing: float, noise: float, r
     step = np.diff(values[new])
     out, back = np.append(0.0, step), np.append(-step, 0.0)
     size = np.where(out * back > 0.0, np.minimum(np.abs(out), np.abs(back)), 0.0)
-    usual = max(noise, TO_SIGMA * float(np.median(np.abs(np.diff(values)))))
+    usual = max(noise, MAD_TO_SIGMA * float(np.median(np.abs(np.diff(values)))))
     most = swing + float(np.hypot(LONE_SIGMAS * usual, SPIKE_STEPS * resolution))
     spiked = size > most
     if spiked.any():
@@ -566,12 +567,12 @@ def _around(values: Array, width: int) -> Array:
 def _unusual(size: Array, noise: float, resolution: float) -> Mask:
     """Which sizes (n,) are beyond what is usual: over the flight, or among the rows before or behind where that is more
     (in a plume, at a cloud's edge)."""
-    over_all = LONE_SIGMAS * max(TO_SIGMA * float(np.median(size)), noise)
+    over_all = LONE_SIGMAS * max(MAD_TO_SIGMA * float(np.median(size)), noise)
     unusual = size > np.hypot(over_all, LONE_SIGMAS * resolution)
     if unusual.any():
         half = (min(AROUND_WIDTH, size.size) - 1) // 2
         beside = [median_filter(size, 2 * half + 1, mode="mirror", origin=side) for side in (half, -half)]
-        around = AROUND_SIGMAS * TO_SIGMA * np.max(beside, axis=0)
+        around = AROUND_SIGMAS * MAD_TO_SIGMA * np.max(beside, axis=0)
         unusual &= size > np.hypot(around, LONE_SIGMAS * resolution)
     return np.asarray(unusual)
 
@@ -586,7 +587,7 @@ def _by_chance(reading: Array, rows: NDArray[np.int64], same_time: Mask, same_va
     changes = np.diff(reading[rows])[~same_value[1:]]
     if changes.size < FEWEST_CHANGES or resolution == 0.0:
         return allowed
-    width = TO_SIGMA * float(np.median(np.abs(changes)))
+    width = MAD_TO_SIGMA * float(np.median(np.abs(changes)))
     expected = min(resolution / (np.sqrt(2 * np.pi) * width), 1.0) if width > 0 else 1.0
     if expected >= 0.5 * np.mean(same_value):
         again = same_value & np.append(False, same_value[:-1])

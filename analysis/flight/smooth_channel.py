@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
+from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
 from shockrig.analysis.flight.air_prior import (
     Passing,
     Prior,
@@ -21,7 +22,7 @@ from shockrig.analysis.flight.air_prior import (
 )
 from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.smoother import Jumps
-from shockrig.analysis.flight.stretches import MOST_SHARE, TO_SIGMA, largest_share
+from shockrig.analysis.flight.stretches import MOST_SHARE, largest_share
 from shockrig.analysis.flight.sweep import Sweep, Track, costs, lags_behind, propagated, swept, within_a_step
 
 Array = NDArray[np.float64]
@@ -532,7 +533,7 @@ class StrengthsOfFlight:
         # nor does the air jump as a rule, whatever it did in a gap or before a sensor that is fast beside the rows
         size = np.abs(change)
         beside = np.maximum(np.append(size[1:], 0.0), np.append(0.0, size[:-1]))
-        usual = max(self.expected, TO_SIGMA * float(np.median(size)))
+        usual = max(self.expected, MAD_TO_SIGMA * float(np.median(size)))
         extra = np.where((size > JUMPED_FACTOR * usual) & (beside < BESIDE_SHARE * size), change, extra)
         seen = values[rows] - np.concatenate([[0.0], np.cumsum(extra)])
         some = None if track.passing is None else replace(track.passing, sigma=track.passing.sigma[rows])

@@ -15,6 +15,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d, uniform_filter1d
 
+from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
 from shockrig.analysis.flight.response import LagResponse
 
 Array = NDArray[np.float64]
@@ -45,7 +46,6 @@ STUCK_LEVELS = 1.5  # steps of the log about a level that a stuck sensor stays w
 BY_CHANCE = 1e-6  # probability that noise alone keeps so many readings there
 NORM_3 = np.sqrt(20.0)  # of the third difference of white noise, over its standard deviation
 NORM_1 = np.sqrt(2.0)
-TO_SIGMA = 1.4826  # of the median of absolute values
 
 
 @dataclass(frozen=True)
@@ -243,7 +243,7 @@ def scatter(values: Array, window: int = WINDOW_ROWS) -> Array:
 def _scatter(values: Array, order: int, window: int) -> Array:
     """Robust standard deviation (n,) of the differences of some order in the rows around each."""
     size = np.abs(np.diff(values, n=order))
-    around = TO_SIGMA * median_filter(size, window, mode="nearest")
+    around = MAD_TO_SIGMA * median_filter(size, window, mode="nearest")
     ahead = (values.size - around.size) // 2
     return np.pad(around, (ahead, values.size - around.size - ahead), mode="edge")
 
@@ -257,7 +257,7 @@ def _elsewhere(
     And the first readings behind jumps that no lag lets through and none goes back from."""
     step, apart = np.diff(values), np.diff(rows)
     size = np.abs(step)
-    usual = TO_SIGMA * float(np.median(size))
+    usual = MAD_TO_SIGMA * float(np.median(size))
     beside = np.maximum(np.append(size[1:], 0.0), np.append(0.0, size[:-1]))
     sudden = np.flatnonzero((size > max(least, JUMP_IN_NOISE * usual)) & (beside < BESIDE_SHARE * size)) + 1
     # over a gap a sensor gets anywhere; one end of a stretch may lie in one

@@ -13,9 +13,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
 from shockrig.analysis.flight.flight_channel import LONGEST_FILL_S, FlightReadings
 from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
-from shockrig.analysis.flight.stretches import TO_SIGMA
 from shockrig.analysis.flight.sweep import lags_behind
 
 Array = NDArray[np.float64]
@@ -79,6 +79,6 @@ def goes_with(readings: FlightReadings, lagged: Array, sigma_k: float) -> tuple[
         return 0.0, 0.0
     each = along[some] / square[some]
     slope = float(np.median(each))
-    error = OF_MEDIAN * TO_SIGMA * float(np.median(np.abs(each - slope))) / np.sqrt(each.size)
+    error = OF_MEDIAN * MAD_TO_SIGMA * float(np.median(np.abs(each - slope))) / np.sqrt(each.size)
     kept = max(1.0 - (SURE_SIGMAS * error / slope) ** 2, 0.0) if slope else 0.0
     return kept * slope, error

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.effects.of_flight import airflow_m_s
-from shockrig.analysis.flight.stretches import TO_SIGMA
+from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
 from shockrig.analysis.flight.undo_readout import coarse_track, vertical_speed
 from shockrig.files.flight import Flight
 from shockrig.files.ranges import RANGES
@@ -294,7 +294,7 @@ def _without_outliers(values: Array) -> Array:
         return values
     kept = values[good]
     off = np.abs(kept - median_filter(kept, MEDIAN_READINGS, mode="nearest"))
-    spread = TO_SIGMA * float(np.median(off[off > 0])) if (off > 0).any() else 0.0
+    spread = MAD_TO_SIGMA * float(np.median(off[off > 0])) if (off > 0).any() else 0.0
     usual = np.maximum(median_filter(off, 101, mode="nearest"), spread)
     out = values.copy()
     out[np.flatnonzero(good)[off > np.maximum(OUTLIER_SIGMAS * usual, 1e-9)]] = np.nan

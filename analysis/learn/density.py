@@ -265,14 +265,14 @@ def _around_m(knots: Array) -> float:
 
 def _steepness(bins: FlightBins, rows: NDArray[np.int64], value: Array, knots: Array) -> Array:
     """How steep the profile is around each step (k - 1,), squared, over what is usual along the flight."""
-    altitude = bins.altitude_m[rows]
+    altitude, reach = bins.altitude_m[rows], 0.5 * _around_m(knots)
     squares, weights = np.zeros(knots.size - 1), np.zeros(knots.size - 1)
     middle = 0.5 * (knots[1:] + knots[:-1])
     for one in bins.passes:
         mine = (rows >= one.first) & (rows <= one.last)
         rise, step = np.diff(altitude[mine]), np.diff(value[mine])
         at = 0.5 * (altitude[mine][1:] + altitude[mine][:-1])
-        near = np.exp(-0.5 * ((middle[:, None] - at) / (0.5 * _around_m(knots))) ** 2)
+        near = np.exp(-0.5 * ((middle[:, None] - at) / reach) ** 2)
         squares += near @ step**2
         weights += near @ np.abs(rise)
     steep = squares / np.maximum(weights, 1e-9)

@@ -20,9 +20,8 @@ from shockrig.files.campaign import Campaign, Run
 Array = NDArray[np.float64]
 ANCHOR_EVERY = 6
 UNTOLD = float("nan")  # where nothing is expected of a run: it was not chosen for what it brings
-NEARLY_BEST = (
-    0.97  # of the best worth per minute: among these chance chooses, so that order and conditions do not go together
-)
+# Of the best worth per minute: among these chance chooses, so that order and conditions do not go together.
+NEARLY_BEST = 0.97
 OPTIONS_SHOWN = 6
 
 

@@ -25,7 +25,7 @@ from shockrig.rig.logs.clock_columns import guess_clock
 from shockrig.rig.logs.lines import Index, Lines
 from shockrig.rig.logs.order import in_order
 from shockrig.rig.logs.stamps import NUMBERS, OF_DAY, TimeColumns, in_seconds, parsed
-from shockrig.rig.logs.text import BEHIND, NO_VALUE_WORDS, Layout, Scan, scan
+from shockrig.rig.logs.text import BEHIND, NO_NUMBER, Layout, Scan, scan
 from shockrig.rig.logs.unit_names import UNITS, known_unit, unit_in_name
 
 Array = NDArray[np.float64]
@@ -218,7 +218,7 @@ def _read_cells(
 
     places = {lines.names.index(name): name for name in wanted}
     textual = [lines.names.index(name) for name in clock.columns if clock.format != NUMBERS]
-    words = [form for word in (*NO_VALUE_WORDS, *layout.missing) for form in (word, word.upper(), word.title())]
+    words = [form for word in (*NO_NUMBER, *layout.missing) for form in (word, word.upper(), word.title())]
     text = "\n".join(rows)
     frame = pd.DataFrame()
     with suppress(pd.errors.ParserError):
@@ -254,7 +254,7 @@ def _numbers(
         import pandas as pd
 
         texts = pd.Series(cells, dtype="str").str.strip()
-        empty = texts.isna() | texts.str.lower().isin(NO_VALUE_WORDS)
+        empty = texts.isna() | texts.str.lower().isin(NO_NUMBER)
         # Some loggers write the unit into every cell.
         bare = texts.str.extract(r"^([+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*(?:[°º*%a-zA-Z/]{0,6})$")[0]
         if decimal == ",":

@@ -18,30 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.files.disk import shown
+from shockrig.files.sentinels import NO_VALUE_WORDS
 from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.logs.lines import Index, Lines, read_lines
 from shockrig.rig.logs.unit_names import is_called_time, is_unit, known_unit
 
 SEPARATORS = {"tab": "\t", "semicolon": ";", "comma": ",", "bar": "|", "space": " "}
 COMMENTS = ("#", "//", "%", "!", "*")
-NO_VALUE_WORDS = (
-    "",
-    "nan",
-    "na",
-    "n/a",
-    "null",
-    "none",
-    "nil",
-    "inf",
-    "-inf",
-    "+inf",
-    "-",
-    "--",
-    "---",
-    "err",
-    "error",
-    "ol",
-)
+NO_NUMBER = (*NO_VALUE_WORDS, "nan", "nil", "inf", "-inf", "+inf", "err", "error", "ol")
 BEHIND = re.compile(r"[,;]+(?=\s|$)")  # "17:58:47 22.4, 50.1": blanks part the cells, and commas stand behind some
 SAMPLE_LINES = 200
 PROCESSING = {"", "ts", "rn", "smp", "avg", "max", "min", "std", "tot", "med"}  # under names, of Campbell's loggers
@@ -158,7 +142,7 @@ def _scan(path: Path, layout: Layout) -> Scan:
 def is_value(cell: str) -> bool:
     """Whether a cell may hold a value: a number (its unit may follow), a date, a time, or a word for a missing one."""
     text = cell.strip().strip('"')
-    return text.lower() in NO_VALUE_WORDS or DATE.fullmatch(text) is not None or _is_number(text)
+    return text.lower() in NO_NUMBER or DATE.fullmatch(text) is not None or _is_number(text)
 
 
 def _is_number(text: str) -> bool:
@@ -239,7 +223,7 @@ def _first_row(plain: Lines, whole: NDArray[np.intp], separator: str, layout: La
             silent_since = None
         elif any(map(_is_number, texts)):
             return i if silent_since is None else silent_since
-        elif all(text.lower() in NO_VALUE_WORDS for text in texts):
+        elif all(text.lower() in NO_NUMBER for text in texts):
             silent_since = None
         elif silent_since is None:
             silent_since = i
