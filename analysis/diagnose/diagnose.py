@@ -251,7 +251,7 @@ def diagnose_channel(
         noise=ready.noise,
         plain=found.plain.fit,
         final=final,
-        predicting=stands if said in SETTLED else _predicting(channel, ready, parts, found, stands, shown),
+        predicting=stands if said in SETTLED else _predicting(ready, parts, found, stands, shown),
         untestable=tuple(
             id_ for id_, effect in CATALOGUE.items() if channel.name in effect.channels and not effect.acts_in(channel)
         ),
@@ -285,7 +285,6 @@ def _final(problem: Problem, model: Rated, than_runs: bool) -> Fit:
 
 
 def _predicting(
-    channel: Channel,
     ready: Prepared,
     parts: Sequence[HeldOutPart],
     found: Search,
@@ -302,9 +301,7 @@ def _predicting(
     heavy = (one for one in found.pool[:MOST_PREDICTING] if found.weight(one) >= LEAST_WEIGHT)
     among = {id(one): one for one in (*heavy, found.best, found.plain)}
     log_squares = {
-        key: np.log(np.maximum(held_out_squares(channel, problem, parts, one), LEAST_SQUARE))
-        for key, one in among.items()
-        if parts
+        key: np.log(np.maximum(held_out_squares(parts, one), LEAST_SQUARE)) for key, one in among.items() if parts
     }
     losses = {key: own.sum() - np.log(max(found.weight(among[key]), LEAST_SQUARE)) for key, own in log_squares.items()}
     told = {key: loss for key, loss in losses.items() if np.isfinite(loss)}
@@ -331,10 +328,10 @@ def _borne_out(
 ) -> tuple[Search, Gain, tuple[str, ...]]:
     """The search with the likeliest model that runs held out do not refute, in the end the plain one; what it gains on
     them, and a sentence on the likeliest where it is refuted."""
-    problem, unborne = ready.problem, tuple[str, ...]()
+    unborne = tuple[str, ...]()
     tied = [one for one in found.tied() if one is not found.best and one is not found.plain]
     for one in (found.best, *tied[:MOST_IN_PLACE], found.plain):
-        gain = measure_gain(channel, problem, parts, ready.structure, one, ready.noise)
+        gain = measure_gain(channel, parts, ready.structure, one, ready.noise)
         if one is found.plain or not refuted(gain, tolerance):
             break
         unborne = unborne or (why_refuted(gain, channel.quantity.unit),)

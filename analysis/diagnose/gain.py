@@ -8,7 +8,7 @@ for every model; errors are over single samples.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -185,8 +185,10 @@ def kinds(channel: Channel) -> NDArray[np.int64]:
 class HeldOutPart:
     """One fold: which runs the models are fitted to, and which of the others, `test`, they predict.
 
-    `plain` is the plain model fitted to the former, `value` its value there [nats]; `squares` are the mean square
-    errors of the latter under it, without what single readings have shown.
+    `held` and `bins` are the latter's readings. `plain` is the plain model fitted to the former, `value` its value
+    there [nats]; `squares` are the mean square errors of the latter under it, without what single readings have
+    shown. `fits` are other models fitted to the former so far, by the identity of the fit to all, which they keep
+    alive.
     """
 
     train: NDArray[np.bool_]
@@ -196,6 +198,19 @@ class HeldOutPart:
     plain: Fit
     value: float
     squares: Array
+    held: Channel
+    bins: Problem
+    fits: dict[int, tuple[Rated, float, Fit]] = field(default_factory=dict)
+
+    def fitted(self, model: Rated) -> tuple[float, Fit]:
+        """A model's value on the runs that it is fitted to here [nats], and the fit."""
+        if id(model) not in self.fits:
+            self.fits[id(model)] = (model, *_fitted(self.part, self.bump, model, model.fit.structure, self.train))
+        return self.fits[id(model)][1:]
+
+    def errors(self, found: Fit) -> Array:
+        """Mean square error of each run held out under a fit."""
+        return run_errors(self.held, self.bins, found)
 
 
 def held_out_parts(channel: Channel, problem: Problem, plain: Rated) -> list[HeldOutPart]:
@@ -218,14 +233,13 @@ def held_out_parts(channel: Channel, problem: Problem, plain: Rated) -> list[Hel
         told = told < np.maximum(UNTOLD_SIGMA, USUAL_LOSS * known)
         test = test[told[channel.ambient[test]]]
         if test.size:
-            squares = run_errors(channel.select(test), problem.select(test), plainly(simple))
-            found.append(HeldOutPart(train, test, part, bump, simple, value, squares))
+            held, bins = channel.select(test), problem.select(test)
+            squares = run_errors(held, bins, plainly(simple))
+            found.append(HeldOutPart(train, test, part, bump, simple, value, squares, held, bins))
     return found
 
 
-def measure_gain(
-    channel: Channel, problem: Problem, parts: Sequence[HeldOutPart], base: Structure, best: Rated, noise: Noise
-) -> Gain:
+def measure_gain(channel: Channel, parts: Sequence[HeldOutPart], base: Structure, best: Rated, noise: Noise) -> Gain:
     """Held-out gain of an extended model over the plain one: in each fold it is chosen again without the runs held out,
     from itself, itself less one effect, and the plain one, by the search's own score.
     """
@@ -237,14 +251,15 @@ def measure_gain(
             continue
         whole = best.fit.structure
         smaller = [whole.dropping(e) for e in added] if len(added) > 1 else []
-        tried = [_fitted(one.part, one.bump, best, structure, one.train) for structure in (whole, *smaller)]
+        tried = [one.fitted(best)]
+        tried += [_fitted(one.part, one.bump, best, structure, one.train) for structure in smaller]
         tried.append((one.value, one.plain))
         _, chosen = max(tried, key=lambda found: found[0])
-        after[one.test] = run_errors(channel.select(one.test), problem.select(one.test), chosen)
+        after[one.test] = one.errors(chosen)
     return summarise(before, after, noise.while_moving, kinds(channel))
 
 
-def held_out_squares(channel: Channel, problem: Problem, parts: Sequence[HeldOutPart], model: Rated) -> Array:
+def held_out_squares(parts: Sequence[HeldOutPart], model: Rated) -> Array:
     """Mean square errors (R,) of the runs that can be held out under a model that was fitted anew without them."""
     squares = []
     for one in parts:
@@ -253,8 +268,8 @@ def held_out_squares(channel: Channel, problem: Problem, parts: Sequence[HeldOut
             squares.append(one.squares)
             continue
         if own.ids != found.structure.ids:
-            _, found = _fitted(one.part, one.bump, model, own, one.train)
-        squares.append(run_errors(channel.select(one.test), problem.select(one.test), found))
+            _, found = one.fitted(model)
+        squares.append(one.errors(found))
     return np.concatenate(squares)
 
 
