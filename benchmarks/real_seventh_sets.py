@@ -68,7 +68,7 @@ def plate(cache: Path, out: Path) -> None:
     write_logs(out, T, [log_since(frame["t"].to_numpy()[rows], frame["y"].to_numpy()[rows]) for rows in held])
 
 
-def _rows(path: Path, column: str, note: bool = False) -> tuple[np.ndarray, np.ndarray]:
+def noted_rows(path: Path, column: str, note: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Seconds of the day and a column of a table with notes between its rows; of the rows after the last note alone."""
     lines = path.read_text(encoding="latin-1").splitlines()
     noted = [i for i, line in enumerate(lines) if not line[:1].isdigit()]
@@ -86,7 +86,7 @@ def _oxygen(pattern: str, airs: tuple[int, ...]) -> Callable[[Path, Path], None]
     def make(cache: Path, out: Path) -> None:
         logs = []
         for air in airs:
-            time_s, mg_l = _rows(cache / pattern.format(air), "DO probe")
+            time_s, mg_l = noted_rows(cache / pattern.format(air), "DO probe")
             logs.append(log_since(time_s, ZERO_PERCENT + PERCENT_PER_MG_L * mg_l, RH))
         write_logs(out, RH, logs)
 
@@ -99,7 +99,8 @@ def _dye(names: tuple[str, ...]) -> Callable[[Path, Path], None]:
     def make(cache: Path, out: Path) -> None:
         logs = []
         for name in names:
-            time_s, mg_l = _rows(cache / f"monroews/CEE4530/Examples/data/Adsorption/{name}.xls", "(mg/L)", note=True)
+            path = cache / f"monroews/CEE4530/Examples/data/Adsorption/{name}.xls"
+            time_s, mg_l = noted_rows(path, "(mg/L)", note=True)
             logs.append(log_since(time_s, ZERO_PERCENT + mg_l, RH))
         write_logs(out, RH, logs)
 
