@@ -24,6 +24,7 @@ from shockrig.files.errors import InputError
 from shockrig.files.flight_intermet import clock_of
 from shockrig.files.flight_known import KnownLog, day_of, known_log
 from shockrig.files.readings_figure import Against, plot_readings
+from shockrig.files.unit_names import UNITS, UnitError, bare_name, squeeze, unit_of_column
 from shockrig.files.views import card, require_xarray
 
 if TYPE_CHECKING:
@@ -82,6 +83,14 @@ XQ2_FIELDS = (
     "device", "pressure", "temperature", "humidity", "humidity_temp", "date", "time", "longitude", "latitude",
     "altitude", "satellites",
 )  # fmt: skip
+
+
+# quantity -> the key of UNITS that its units are those of
+KIND_OF = {
+    "time": "time", "temperature": "temperature", "humidity": "humidity", "die": "temperature", "airspeed": "airflow",
+    "pressure": "pressure", "altitude": "altitude", "vertical_speed": "airflow",
+}  # fmt: skip
+SHORTEST_NAME = 2  # letters, that a unit behind tells from another word
 
 
 UNIT_OF = {  # of each quantity of a flight
@@ -182,7 +191,8 @@ class FlightColumns:
 
     `zero_is_missing`: it is InterMet's application's, which writes zeros where nothing is connected. `known`: it is a
     log whose columns are known. `begins_s`: when its first row was read [s since 1970], of times of day without a date.
-    `said`: what was read as what, a sentence.
+    `said`: what was read as what, a sentence. `units`: of a quantity, as its column's name states it, where it is not
+    the project's own.
     """
 
     header: tuple[str, ...]
@@ -194,15 +204,11 @@ class FlightColumns:
     known: KnownLog | None = None
     begins_s: float | None = None
     said: str = ""
+    units: Mapping[str, str] = field(default_factory=dict)
 
 
 class LayoutError(InputError):
     """A log that is no CSV file whose columns are recognised; it may be one of another layout."""
-
-
-def squeeze(name: str) -> str:
-    """A column's name as letters and digits alone: "Air Temperature (degC)" -> "airtemperaturedegc"."""
-    return re.sub(r"[^a-z0-9]", "", name.lower().replace("°", "").replace("%", "percent"))
 
 
 def _plain(name: str) -> str:
@@ -288,7 +294,58 @@ def read_layout(path: Path, chosen: Mapping[str, str] | None = None) -> FlightCo
     if intermet:
         whose = "the sensor's own" if place["time"] == own.get("time") else "the application's"
         said = f"read as a log of InterMet's application: the clock is {whose}, {header[place['time']]!r}"
-    return FlightColumns(tuple(header), place, str(path), date, zero_is_missing=intermet, said=said)
+    units = _units(path, header, place, chosen)
+    named = [(quantity, unit) for quantity, unit in units.items() if quantity != "time"]
+    if converted := [f"{quantity} {header[place[quantity]]!r} is in {unit}" for quantity, unit in named]:
+        said = "; ".join([*([said] if said else []), f"{', '.join(converted)}, and converted"])
+    return FlightColumns(tuple(header), place, str(path), date, zero_is_missing=intermet, said=said, units=units)
+
+
+def _units(path: Path, header: list[str], place: Mapping[str, int], chosen: Mapping[str, str]) -> dict[str, str]:
+    """Of each quantity whose column names another unit than the project's, that unit; InputError where it names one
+    that is not known and nobody chose it."""
+    units = {}
+    for quantity, kind in KIND_OF.items():
+        if quantity not in place:
+            _demand_none(path, header, set(place.values()), quantity)
+            continue
+        try:
+            unit = unit_of_column(kind, header[place[quantity]], NAMES[quantity])
+        except UnitError as error:
+            if quantity not in chosen and quantity != "time":
+                raise InputError(_unread(path, quantity, header[place[quantity]], str(error))) from None
+            continue
+        if unit is not None and UNITS[kind][unit] != (1.0, 0.0):
+            units[quantity] = unit
+    return units
+
+
+def _demand_none(path: Path, header: list[str], taken: set[int], quantity: str) -> None:
+    """InputError where a column would be a quantity's but for a unit in its name that is not known."""
+    for k, name in enumerate(header):
+        if k not in taken and (bare := squeeze(bare_name(name))) in NAMES[quantity] and len(bare) >= SHORTEST_NAME:
+            try:
+                unit_of_column(KIND_OF[quantity], name)
+            except UnitError as error:
+                raise InputError(_unread(path, quantity, name, str(error))) from None
+
+
+def _unread(path: Path, quantity: str, name: str, unit: str) -> str:
+    known = tuple(UNITS[KIND_OF[quantity]])
+    return (
+        f"{shown(path)}, line 1: column {name!r}: {unit!r} is no unit of {quantity} that is known "
+        f"({', '.join(known)}); convert the column and rename it, or say with --column {quantity}=NAME that it is in "
+        f"{known[0]}"
+    )
+
+
+def unread_unit(quantity: str, name: str) -> str | None:
+    """What stands in a column's name as a unit and is none of a quantity's; None where nothing does."""
+    try:
+        unit_of_column(KIND_OF[quantity], name)
+    except UnitError as error:
+        return str(error)
+    return None
 
 
 def _clock(path: Path, names: list[str], time: int, own: Mapping[str, int], chosen: bool) -> tuple[int, int | None]:
@@ -335,6 +392,8 @@ def _places(path: Path, header: list[str], chosen: Mapping[str, str], log: Known
         other = {"time": "T", "temperature": header[place["time"]] if "time" in place else "t"}.get(quantity)
         squeezed = ["" if name == other else _plain(name) for name in header]
         found = next((squeezed.index(name) for name in names if name in squeezed), None)
+        if found is None and quantity in KIND_OF:
+            found = _with_unit(header, set(place.values()), quantity)
         if found is not None:
             place[quantity] = found
     if "time" not in place:
@@ -345,6 +404,21 @@ def _places(path: Path, header: list[str], chosen: Mapping[str, str], log: Known
             "name them with --column temperature=NAME --column humidity=NAME"
         )
     return place
+
+
+def _with_unit(header: list[str], taken: set[int], quantity: str) -> int | None:
+    """The column that is a quantity's by its name without the unit in it; None where there is none."""
+    for called in NAMES[quantity]:
+        for k, name in enumerate(header):
+            if k in taken or len(called) < SHORTEST_NAME:
+                continue
+            bare = squeeze(bare_name(name)) == called
+            try:
+                if unit_of_column(KIND_OF[quantity], name if bare else squeeze(name), (called,)) is not None:
+                    return k
+            except UnitError:
+                continue
+    return None
 
 
 def _first_row(path: Path, time_place: int) -> tuple[float | None, str]:

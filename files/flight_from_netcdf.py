@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from shockrig.files.disk import demand_text_name, open_regular, shown
 from shockrig.files.errors import InputError
-from shockrig.files.flight import NAMES, squeeze
+from shockrig.files.flight import NAMES
+from shockrig.files.unit_names import squeeze
 
 Array = NDArray[np.float64]
 STANDARD_NAMES = {

@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 
 from shockrig.files.disk import beside, demand_text_name, shown
-from shockrig.files.flight import FLAGS, Corrected, Flight, FlightColumns, squeeze
+from shockrig.files.flight import FLAGS, Corrected, Flight, FlightColumns
 from shockrig.files.flight_cells import Rows, numbers_of
 from shockrig.files.flight_rows import numeric_places
+from shockrig.files.unit_names import squeeze
 
 CHANNELS = (("temperature", "K"), ("humidity", "%"))
 SUFFIX = {"K": "k", "%": "percent"}
@@ -51,6 +52,8 @@ class NetcdfWriter:
         "pressure": {"hpa": "hPa", "mbar": "hPa", "pa": "Pa", "pascal": "Pa"},
         "altitude": {"m": "m", "mmsl": "m"},
     }
+    # as CF spells what maps write otherwise
+    UDUNITS = {"fraction": "1", "mmHg": "mm_Hg", "inHg": "in_Hg", "km/h": "km h-1", "knots": "knot", "mph": "mile h-1"}
     CORRECTED = (
         ("temperature_corrected_c", "temperature_c", "air_temperature", "degC", "air temperature, sensor lag undone"),
         (
@@ -103,7 +106,8 @@ class NetcdfWriter:
                 variable.long_name = f"column {column} of the log, as it came"
             elif known is not None and quantity is not None:
                 _, unit, words = known
-                unit = unit or self._unit_in_name(quantity, column)
+                stated = layout.units.get(quantity)
+                unit = self.UDUNITS.get(stated, stated) if stated else unit or self._unit_in_name(quantity, column)
                 variable = self._number(name, unit, words)
                 if unit and quantity == "altitude":
                     variable.positive = "up"

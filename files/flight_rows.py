@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.files.errors import InputError
-from shockrig.files.flight import Flight, FlightColumns, read_layout, squeeze
+from shockrig.files.flight import KIND_OF, Flight, FlightColumns, read_layout
 from shockrig.files.flight_cells import Rows, joined, numbers_of, of_cells, read_blocks
 from shockrig.files.flight_intermet import day_first
 from shockrig.files.ranges import RANGES
-from shockrig.files.sentinels import NO_VALUE_WORDS
+from shockrig.files.sentinels import NO_VALUE_WORDS, coded
+from shockrig.files.unit_names import UNITS, squeeze
 
 Array = NDArray[np.float64]
 BLOCK_ROWS = 20_000
@@ -68,6 +69,32 @@ def look_over(path: Path, layout: FlightColumns) -> Damage:
     return Damage(total, count[0], firsts[0], count[1], firsts[1])
 
 
+def log_notes(path: Path, layout: FlightColumns, wanted: Sequence[str] = ("temperature", "humidity")) -> list[str]:
+    """What is to be said of a log before its rows are used: what was read as what, what is damaged, which quantity that
+    is `wanted` it lacks.
+
+    Raises
+    ------
+    InputError
+        Most of its rows are no numbers.
+    """
+    damage = look_over(path, layout)
+    if damage.lost > damage.rows / 2:
+        raise InputError(
+            f"{path}: {damage.lost} of {damage.rows} rows could not be read as numbers (first: {damage.first_lost}); "
+            "fix the log, or name the columns that hold numbers with --column QUANTITY=NAME"
+        )
+    said = [layout.said] if layout.said else []
+    if damage.damaged:
+        how_many = f"{damage.damaged} of {damage.rows} rows could not be read as numbers throughout"
+        said.append(f"{how_many} and are treated as missing there (first: {damage.first_damaged})")
+    return said + [
+        f"{quantity}: no column of it recognised; if there is one, --column {quantity}=NAME"
+        for quantity in wanted
+        if quantity not in layout.place
+    ]
+
+
 def _text_cells(rows: Rows, layout: FlightColumns, quantity: str) -> NDArray[np.bool_]:
     """True where a cell is neither a number (of the time: nor a date) nor empty."""
     place = layout.place[quantity]
@@ -92,7 +119,7 @@ def to_flight(rows: Rows | list[list[str]], layout: FlightColumns) -> Flight:
         if quantity not in layout.place:
             return np.full(len(rows), np.nan)
         values = rows.numbers[layout.place[quantity]]
-        return values.copy() if layout.known is None else layout.known.values(quantity, values)
+        return _scaled(quantity, values, layout) if layout.known is None else layout.known.values(quantity, values)
 
     temperature, humidity, die = numbers("temperature"), numbers("humidity"), numbers("die")
     pressure, altitude = numbers("pressure"), numbers("altitude")
@@ -102,11 +129,6 @@ def to_flight(rows: Rows | list[list[str]], layout: FlightColumns) -> Flight:
         temperature, humidity, die = temperature / 100, humidity / 10, die / 100
         altitude = altitude / 1000
         latitude, longitude = latitude * 1e-7, longitude * 1e-7
-    else:
-        for quantity, values in (("temperature", temperature), ("die", die)):
-            name = squeeze(layout.header[layout.place[quantity]]) if quantity in layout.place else ""
-            if name.endswith(("kelvin", "temperaturek", "tempk")):
-                values -= 273.15
     time_s = _times(rows, layout)
     if layout.zero_is_missing:
         block = (temperature, humidity, die, pressure)
@@ -123,6 +145,15 @@ def to_flight(rows: Rows | list[list[str]], layout: FlightColumns) -> Flight:
     return Flight(
         time_s, temperature, humidity, numbers("airspeed"), die, pressure, altitude, latitude, longitude, vertical
     )
+
+
+def _scaled(quantity: str, values: Array, layout: FlightColumns) -> Array:
+    """Numbers of a column (n,) in the project's unit. Codes for no value stay what they are."""
+    if quantity not in layout.units:
+        return values.copy()
+    factor, offset = UNITS[KIND_OF[quantity]][layout.units[quantity]]
+    codes = coded(quantity, values)
+    return np.where(np.logical_or.reduce([np.isnan(values), *codes.values()]), values, factor * values + offset)
 
 
 def whole_flight(path: Path, columns: Mapping[str, str] | None = None) -> Flight:
@@ -202,7 +233,7 @@ def _is_float(cell: str) -> bool:
 
 
 def _times(rows: Rows, layout: FlightColumns) -> Array:
-    """Seconds, from a number (s, ms or us by the column's name, or as a known log has it) or a date and time."""
+    """Seconds, from a number (by the unit in the column's name, or as a known log has it) or a date and time."""
     place = layout.place["time"]
     values = rows.numbers[place]
     if len(rows) and np.isnan(values).mean() > 0.5:
@@ -229,9 +260,9 @@ def _times(rows: Rows, layout: FlightColumns) -> Array:
             raise InputError(f"{layout.source}: times cannot be read as dates ({error}); fix that row") from error
     if layout.known is not None and "time" in layout.known.factor:
         return layout.known.values("time", values)
-    name = squeeze(layout.header[place])
-    scale = 1e-6 if name.endswith("us") and name != "status" else 1e-3 if name.endswith(("timems", "stampms")) else 1.0
-    return _of_packed(values) if scale == 1.0 else values * scale
+    if "time" in layout.units:
+        return values * UNITS["time"][layout.units["time"]][0]
+    return values * 1e-6 if squeeze(layout.header[place]).endswith("timeus") else _of_packed(values)
 
 
 def _of_iso(cells: Sequence[str]) -> Array | None:

@@ -8,8 +8,9 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from shockrig.files.flight import FlightColumns, squeeze
+from shockrig.files.flight import FlightColumns
 from shockrig.files.flight_cells import read_blocks
+from shockrig.files.unit_names import squeeze
 
 COLUMN = re.compile(r"(imet|hyt|sensor|probe|logger|xq)?(serial|serialno|serialnumber|sn)")
 INTERMET_FILE = re.compile(r"\d{8}-\d{6}-(\d{8})\b")  # 20230914-193303-00061169.csv

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from shockrig.files.disk import open_text, shown
 from shockrig.files.errors import InputError
-from shockrig.files.flight import REMEDY, Flight, LayoutError, read_layout
-from shockrig.files.flight_rows import whole_flight
+from shockrig.files.flight import REMEDY, Flight, LayoutError, read_layout, unread_unit
+from shockrig.files.flight_rows import log_notes, whole_flight
 
 if TYPE_CHECKING:
     from shockrig.rig.logs.mapping import LogMap
@@ -39,6 +39,7 @@ COLUMNS = {
 }
 FIRST_LINE = 200  # characters that tell a log
 BACK_S = 1.0  # that the clock steps back: less is rows out of order
+QUANTITY_OF = {"temperature": "temperature", "humidity": "humidity", "die_temperature": "die", "pressure": "pressure"}
 READINGS = ("temperature", "humidity", "die")  # are not made up between readings; where the drone is, is
 Series = tuple[Array, Array]  # time [s], value
 
@@ -126,6 +127,13 @@ def _by_guess(source: Path, columns: Mapping[str, str] | None) -> tuple[dict[str
         for sensor in seen.sensors.values():
             for key, (name, _) in sensor.columns.items():
                 taken.setdefault(key, name)
+        for key, name in taken.items():
+            if (quantity := QUANTITY_OF.get(key)) and (unit := unread_unit(quantity, name)):
+                raise InputError(
+                    f"{shown(source)}: column {name!r}: {unit!r} is no unit of {quantity} that is known; convert the "
+                    "column and rename it, or read the log by a map that states its unit: shockrig import FILE --look "
+                    "writes one, --map takes it"
+                ) from None
         if taken.get("die_temperature") == taken.get("temperature"):
             found.pop("die", None)  # that one chip measures both is what a logger's map supposes, and no reading
             taken.pop("die_temperature", None)
@@ -223,8 +231,8 @@ def read_log(
         made = Path(folder) / "rows.csv"
         try:
             if read := to_csv(path, made, columns=columns, map_path=map_path):
-                return whole_flight(made), read.said
+                return whole_flight(made), (*read.said, *log_notes(made, read_layout(made), ()))
         except InputError as error:
             raise type(error)(str(error).replace(str(made), str(path))) from error
-    own = read_layout(path, columns).said
-    return whole_flight(path, columns), (own,) if own else ()
+    said = log_notes(path, read_layout(path, columns), ())
+    return whole_flight(path, columns), tuple(said)

@@ -56,9 +56,37 @@ def named_flights(
         if name in flights:
             raise InputError(f"{path}: named twice; each flight counts once")
         flight, notes = read_log(path, columns, map_path)
-        flights[name], more = with_altitude(flight)
+        flights[name], more = checked(name, flight)
         said += [f"{name}: {note}" for note in (*notes, *more)]
     return flights, said
+
+
+def checked(name: str, flight: Flight) -> tuple[Flight, list[str]]:
+    """A flight to learn from, looked over as `correct` does: without codes for no value, with an altitude; and what is
+    to be said of it.
+
+    Raises
+    ------
+    InputError
+        Its clock is not in seconds, or its columns stand in one another's place: whatever it said would not hold.
+    """
+    from shockrig.analysis.flight.correct import in_order
+    from shockrig.analysis.flight.doubts import doubts, slips
+    from shockrig.analysis.flight.screen import code_notes, without_codes
+
+    flight, codes = without_codes(flight)
+    said = code_notes(codes)
+    try:
+        part, _, steps = in_order(flight)
+    except InputError as error:
+        return flight, [*said, str(error)]
+    if wrong := slips(part):
+        raise InputError(f"{name}: {'; '.join(wrong)}")
+    for channel, values in (("temperature", flight.temperature_c), ("humidity", flight.humidity_percent)):
+        if not np.isfinite(values).any():
+            said.append(f"{channel}: no column of it recognised; if there is one, --column {channel}=NAME")
+    flight, more = with_altitude(flight)
+    return flight, [*said, *doubts(part), *steps, *more]
 
 
 def with_altitude(flight: Flight) -> tuple[Flight, list[str]]:

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from shockrig.files.figures import BLUE, CYCLE, GREY, LIGHT, literal, styled
 from shockrig.files.numbers import counted
+from shockrig.files.unit_names import UNITS
 from shockrig.rig.logs.found import LogStep
 from shockrig.rig.logs.sensor_logs import SensorLog
 from shockrig.rig.logs.stamps import to_map
-from shockrig.rig.logs.unit_names import UNITS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -18,7 +18,7 @@ from shockrig.files.views import card
 from shockrig.flights import with_words
 from shockrig.given import PathLike, Progress, WithProfile
 from shockrig.protocols.folder import software_version
-from shockrig.remedies import as_python
+from shockrig.remedies import as_python, in_python
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -173,7 +173,7 @@ def _read(
     flights: FlightGiven | Sequence[FlightGiven], columns: Mapping[str, str] | None, map: PathLike | None
 ) -> tuple[dict[str, Flight], list[str]]:
     """Flights by name, and what was read as what."""
-    from shockrig.protocols.learning import with_altitude
+    from shockrig.protocols.learning import checked
 
     given = list(flights) if isinstance(flights, Sequence) and not isinstance(flights, str) else [flights]
     read: dict[str, Flight] = {}
@@ -182,8 +182,8 @@ def _read(
         name = Path(one).name if isinstance(one, str | os.PathLike) else f"flight {i + 1}"
         name = name if name not in read else f"{name} ({i + 1})"
         rows, words = with_words(one, columns, map)
-        read[name], more = with_altitude(rows)
-        said += [f"{name}: {note}" for note in (*words, *more)]
+        read[name], more = checked(name, rows)
+        said += [f"{name}: {in_python(note)}" for note in (*words, *more)]
     return read, said
 
 

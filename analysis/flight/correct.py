@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.flight.causal import causal
 from shockrig.analysis.flight.comparisons import Told, compared, seen_by_film, slow_against_fast, told
-from shockrig.analysis.flight.doubts import airspeed_doubt, doubts, profile_doubts, slips
+from shockrig.analysis.flight.doubts import airspeed_doubt, airspeed_notes, doubts, profile_doubts, slips
 from shockrig.analysis.flight.flight_channel import (
     FlightChannel,
     FlightReadings,
@@ -127,8 +127,8 @@ def correct(
         raise InputError(f"method {method!r}: expected one of {', '.join([*METHODS, 'causal'])}")
     flight, codes = without_codes(flight)
     count = flight.time_s.size
-    part, rows, steps = _in_order(flight)
-    notes = [*profile_doubts(profile), *code_notes(codes), *doubts(part), *steps]
+    part, rows, steps = in_order(flight)
+    notes = [*profile_doubts(profile), *code_notes(codes), *doubts(part), *airspeed_notes(part), *steps]
     if wrong := slips(part, profile):
         bead, film = _as_it_came(part, "; ".join(wrong), notes)
         return _gather(count, rows, bead, film, notes, {}, {})
@@ -145,7 +145,7 @@ def correct(
     return _gather(count, rows, bead, film, notes, widened, slower)
 
 
-def _in_order(flight: Flight) -> tuple[Flight, NDArray[np.int64], list[str]]:
+def in_order(flight: Flight) -> tuple[Flight, NDArray[np.int64], list[str]]:
     """The flight's rows whose time can be believed, their times running forward; which they are; and a sentence for
     each step of the clock."""
     clock = put_in_order(flight.time_s, PARTED_S, (flight.temperature_c, flight.humidity_percent))

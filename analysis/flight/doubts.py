@@ -13,6 +13,7 @@ from shockrig.analysis.flight.screen import resolution_of, stairs
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.flight.stretches import scatter
 from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S, REFERENCE_C, Stream
+from shockrig.analysis.physics.standard_atmosphere import pressure_altitude_m
 from shockrig.files.flight import Flight
 from shockrig.files.numbers import counted
 from shockrig.files.profile import HumidityProfile, Profile, ResponseTime
@@ -110,15 +111,20 @@ CLIMB_ROWS = 10  # that a climb is taken over: altitudes come in steps
 FASTEST_CLIMB_M_S = 100.0  # of half of a log; what falls from high up comes to 70
 BESIDE_AIRSPEED, LEAST_AIRSPEED_M_S = 3.0, 10.0  # times the largest airspeed in the log, or this, that a climb may be
 LIKELIER_LN = 1.5  # by so much in ln of the noise, over both columns, where each has the other's noise
+HIGHEST_SHARE = 1.2  # of a humidity that is a share of 1
+HEIGHT_RATIO = 2.0  # of an altitude to that of the pressure: no air is half as dense as the standard's at its height
+LEAST_CLIMB_M = 30.0  # by the pressure, to tell
 HALF_STILL = 0.2  # of a flight's rows, that a reading stands for in one stretch
 LEAST_HPA = 110.0  # of a whole log, where half of it is above freezing: 16 km up, where air is far colder
 
 
-def slips(flight: Flight, profile: Profile) -> list[str]:
-    """Sentences on a clock that is not in seconds and on columns that stand in one another's place."""
+def slips(flight: Flight, profile: Profile | None = None) -> list[str]:
+    """Sentences on a clock that is not in seconds and on columns that stand in one another's place; `profile` is what
+    is known of the sensors."""
     found = []
     period = typical_period(flight.time_s)
-    stated = [one.sampling_period_s for one in (profile.temperature, profile.humidity) if one is not None]
+    sensors = () if profile is None else (profile.temperature, profile.humidity)
+    stated = [one.sampling_period_s for one in sensors if one is not None]
     usual = min((one for one in stated if one is not None), default=None)
     ratio = next((r for r in UNITS if usual is not None and abs(period / usual / r - 1.0) < CLOSE_PERIOD), None)
     if ratio is not None:
@@ -136,8 +142,9 @@ def slips(flight: Flight, profile: Profile) -> list[str]:
         )
     if _swapped(flight, profile):
         found.append(
-            "temperature_c and humidity_percent seem to stand in one another's place; name them with "
-            "--column temperature=NAME --column humidity=NAME"
+            "temperature_c and humidity_percent seem to stand in one another's place, or the temperature is in degF; "
+            "name them with --column temperature=NAME --column humidity=NAME, or read the log by a map with "
+            "temperature_unit"
         )
     return found
 
@@ -161,7 +168,7 @@ def _fastest_climb(flight: Flight) -> float:
     return min(FASTEST_CLIMB_M_S, BESIDE_AIRSPEED * max(largest, LEAST_AIRSPEED_M_S))
 
 
-def _swapped(flight: Flight, profile: Profile) -> bool:
+def _swapped(flight: Flight, profile: Profile | None) -> bool:
     """Whether the columns' values can only be, or their noises are far more likely to be, the other's."""
     temperature, humidity = (v[np.isfinite(v)] for v in (flight.temperature_c, flight.humidity_percent))
     if min(temperature.size, humidity.size) < FEWEST_READINGS:
@@ -171,7 +178,7 @@ def _swapped(flight: Flight, profile: Profile) -> bool:
         return False
     if np.median(temperature) > HOTTEST_C and np.median(humidity) < HOTTEST_C:
         return True
-    bead, film = profile.temperature, profile.humidity
+    bead, film = (None, None) if profile is None else (profile.temperature, profile.humidity)
     if bead is None or film is None or not bead.noise_k or not film.noise_percent:
         return False
     read = [float(np.log(max(np.median(scatter(v)), 1e-9))) for v in (temperature, humidity)]
@@ -181,8 +188,9 @@ def _swapped(flight: Flight, profile: Profile) -> bool:
 
 
 def doubts(flight: Flight) -> list[str]:
-    """Sentences on times that are no seconds, temperatures that are none of air in degC and pressures that are none of
-    air in hPa; empty where all may be right."""
+    """Sentences on times that are no seconds, temperatures that are none of air in degC, humidities that are none in
+    percent, pressures that are none of air in hPa and altitudes that are none in metres, on readings that stand still
+    and airspeeds that cannot be; empty where all may be right."""
     found = []
     lasts, period = float(np.ptp(flight.time_s)), typical_period(flight.time_s)
     if lasts > LONGEST_FLIGHT_S and period > SLOWEST_PERIOD_S:
@@ -199,7 +207,7 @@ def doubts(flight: Flight) -> list[str]:
             lasting = float(flight.time_s[first + rows - 1] - flight.time_s[first])
             found.append(
                 f"{name}: the reading stands at {values[first]:.6g} {unit} for {lasting:.3g} s of {lasts:.3g} s: the "
-                "sensor or the logger was stuck, and what is given there is told from the readings before and after"
+                "sensor or the logger was stuck, and what was there is told by the readings before and after alone"
             )
     speed = flight.airspeed_m_s[np.isfinite(flight.airspeed_m_s)]
     possible = RANGES["airflow_m_s"]
@@ -208,16 +216,29 @@ def doubts(flight: Flight) -> list[str]:
             f"airspeed_m_s: {counted(wrong, 'row')} of {speed.size} cannot be (median {np.median(speed):.3g}, expected "
             f"{possible}), and are taken as unknown; is it in cm/s, or does a wind from ahead count as negative?"
         )
-    if airspeed_doubt(flight) == SAME_SPEED:
-        found.append(
-            f"airspeed_m_s: {speed[0]:.4g} m/s in every row: a set point, or a sensor that is stuck; it is taken as "
-            f"good to {100 * SAME_SPEED:.0f} %"
-        )
     known = flight.temperature_c[np.isfinite(flight.temperature_c)]
     if known.size and (usual := float(np.median(known))) > HOTTEST_C:
         found.append(
             f"temperature_c: half of the readings lie above {usual:.3g} degC, where hardly any air is flown: they may "
             "be in degF or K, or be the humidity: read the log by a map that names its columns and temperature_unit"
+        )
+    percent = flight.humidity_percent[np.isfinite(flight.humidity_percent)]
+    if (
+        percent.size >= FEWEST_READINGS
+        and 0.0 < np.ptp(percent)
+        and -0.1 < percent.min()
+        and percent.max() < HIGHEST_SHARE
+    ):
+        found.append(
+            f"humidity_percent: no reading is above {percent.max():.3g} %RH, as in hardly any air: it may be a share "
+            'of 1: multiply by 100, or read the log by a map with humidity_unit = "fraction"'
+        )
+    times = _by_pressure(flight)
+    if not 1.0 / HEIGHT_RATIO < times < HEIGHT_RATIO:
+        found.append(
+            f"altitude_m: it goes {times:.3g} times as far as the pressure lets expect: it may be in "
+            f"{'feet' if HEIGHT_RATIO < times < 2.0 * HEIGHT_RATIO else 'another unit'}: convert it, or read the log "
+            "by a map with altitude_unit"
         )
     pressure = flight.pressure_hpa[np.isfinite(flight.pressure_hpa)]
     if pressure.size and known.size and pressure.max() < LEAST_HPA and np.median(known) > 0.0:
@@ -227,6 +248,29 @@ def doubts(flight: Flight) -> list[str]:
             "renaming its column"
         )
     return found
+
+
+def airspeed_notes(flight: Flight) -> list[str]:
+    """A sentence where the airspeed never changes."""
+    if airspeed_doubt(flight) != SAME_SPEED:
+        return []
+    speed = flight.airspeed_m_s[np.isfinite(flight.airspeed_m_s)]
+    return [
+        f"airspeed_m_s: {speed[0]:.4g} m/s in every row: a set point, or a sensor that is stuck; it is taken as "
+        f"good to {100 * SAME_SPEED:.0f} %"
+    ]
+
+
+def _by_pressure(flight: Flight) -> float:
+    """How many times as far a flight climbs by its altitude as by its pressure; 1 where that cannot be told."""
+    if flight.altitude_m is None:
+        return 1.0
+    metres, by_pressure = flight.altitude_m, pressure_altitude_m(flight.pressure_hpa)
+    rows = np.isfinite(metres) & np.isfinite(by_pressure)
+    if np.count_nonzero(rows) < FEWEST_READINGS:
+        return 1.0
+    went, climbed = (float(np.ptp(np.quantile(v[rows], (0.05, 0.95)))) for v in (metres, by_pressure))
+    return went / climbed if climbed > LEAST_CLIMB_M else 1.0
 
 
 def airspeed_doubt(flight: Flight) -> float:

@@ -24,7 +24,7 @@ from shockrig.files.flight import FLAGS, Corrected, Flight, FlightColumns, read_
 from shockrig.files.flight_cells import Rows, joined, read_blocks
 from shockrig.files.flight_csv import CsvWriter
 from shockrig.files.flight_netcdf import NetcdfWriter
-from shockrig.files.flight_rows import look_over, to_flight
+from shockrig.files.flight_rows import log_notes, to_flight
 from shockrig.files.profile import Profile
 from shockrig.files.serials import of_log, serial_doubts
 
@@ -121,20 +121,10 @@ def _writer(target: Path, layout: FlightColumns, history: str) -> NetcdfWriter |
 
 def _said_of(source: Path, layout: FlightColumns, profile: Profile) -> list[str]:
     """What is to be said of a log before its rows are corrected; InputError where most of them are no numbers."""
-    damage = look_over(source, layout)
-    if damage.lost > damage.rows / 2:
-        raise InputError(
-            f"{source}: {damage.lost} of {damage.rows} rows could not be read as numbers (first: {damage.first_lost}); "
-            "fix the log, or name the columns that hold numbers with --column QUANTITY=NAME"
-        )
-    said = [layout.said] if layout.said else []
-    said += serial_doubts(of_log(source, layout, source.name), profile.sensors)
-    if damage.damaged:
-        how_many = f"{damage.damaged} of {damage.rows} rows could not be read as numbers throughout"
-        said.append(f"{how_many} and are treated as missing there (first: {damage.first_damaged})")
-    for quantity in ("temperature", "humidity"):
-        if quantity not in layout.place and getattr(profile, quantity) is not None:
-            said.append(f"{quantity}: no column of it recognised; if there is one, --column {quantity}=NAME")
+    said = log_notes(
+        source, layout, [name for name in ("temperature", "humidity") if getattr(profile, name) is not None]
+    )
+    said[1 if layout.said else 0 : 0] = serial_doubts(of_log(source, layout, source.name), profile.sensors)
     return said
 
 

@@ -9,9 +9,9 @@ from itertools import product
 
 import numpy as np
 
+from shockrig.files.unit_names import UNITS, bare_name, is_called_time, unit_in_name
 from shockrig.rig.logs.stamps import EPOCH, ISO, NUMBERS, OF_DAY, TimeColumns
 from shockrig.rig.logs.text import NUMBER, unit_in_cells
-from shockrig.rig.logs.unit_names import UNITS, bare_name, is_called_time, unit_in_name
 
 _DATES = (
     "%Y/%m/%d", "%d/%m/%Y", "%m/%d/%Y", "%d.%m.%Y", "%d-%m-%Y", "%m-%d-%Y", "%d/%m/%y", "%m/%d/%y", "%d.%m.%y",

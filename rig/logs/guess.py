@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.files.flight import NAMES, squeeze
+from shockrig.files.flight import NAMES
+from shockrig.files.unit_names import UNITS, bare_name, is_called_time, known_unit, quantity_of, squeeze, unit_in_name
 from shockrig.rig.logs.clock_columns import guess_clock
 from shockrig.rig.logs.known import SensorGuess, adjust
 from shockrig.rig.logs.mapping import COLUMNS
 from shockrig.rig.logs.stamps import NUMBERS, TimeColumns
 from shockrig.rig.logs.text import NUMBER, Scan, is_value, unit_in_cells
-from shockrig.rig.logs.unit_names import UNITS, bare_name, is_called_time, known_unit, quantity_of, unit_in_name
 
 Array = NDArray[np.float64]
 

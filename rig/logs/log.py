@@ -20,13 +20,13 @@ from shockrig.files.disk import shown
 from shockrig.files.flight_cells import plain_numbers
 from shockrig.files.ranges import RANGES, Range
 from shockrig.files.spelling import did_you_mean
+from shockrig.files.unit_names import UNITS, known_unit, unit_in_name
 from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.logs.clock_columns import guess_clock
 from shockrig.rig.logs.lines import Index, Lines
 from shockrig.rig.logs.order import in_order
 from shockrig.rig.logs.stamps import NUMBERS, OF_DAY, TimeColumns, in_seconds, parsed
 from shockrig.rig.logs.text import BEHIND, NO_NUMBER, Layout, Scan, scan
-from shockrig.rig.logs.unit_names import UNITS, known_unit, unit_in_name
 
 Array = NDArray[np.float64]
 

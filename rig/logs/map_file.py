@@ -11,11 +11,11 @@ from shockrig.files.campaign_names import BODIES
 from shockrig.files.disk import TOML_AT_MOST, is_there, read_text, shown
 from shockrig.files.file_table import FileTable
 from shockrig.files.ranges import RANGES, Range
+from shockrig.files.unit_names import UNITS, known_unit
 from shockrig.rig.bench_errors import BenchError, as_bench_errors
 from shockrig.rig.logs.mapping import COLUMNS, FORMAT, LogMap, SensorMap, StepMap
 from shockrig.rig.logs.stamps import ISO, NUMBERS, OF_DAY
 from shockrig.rig.logs.text import SEPARATORS, Layout
-from shockrig.rig.logs.unit_names import UNITS, known_unit
 from shockrig.rig.toml_text import read_toml
 
 _INSTRUMENTS = {"thermometer": "bead_radius_m", "hygrometer": "film_thickness_m"}

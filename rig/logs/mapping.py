@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from shockrig.files.unit_names import UNITS
 from shockrig.rig.logs.log import Column
 from shockrig.rig.logs.text import Layout
-from shockrig.rig.logs.unit_names import UNITS
 
 FORMAT = "shock-map/1"
 COLUMNS = {

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.files.unit_names import UNITS
 from shockrig.rig.bench_errors import BenchError
-from shockrig.rig.logs.unit_names import UNITS
 
 Array = NDArray[np.float64]
 

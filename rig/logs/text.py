@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from shockrig.files.disk import shown
 from shockrig.files.sentinels import NO_VALUE_WORDS
+from shockrig.files.unit_names import is_called_time, is_unit, known_unit
 from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.logs.lines import Index, Lines, read_lines
-from shockrig.rig.logs.unit_names import is_called_time, is_unit, known_unit
 
 SEPARATORS = {"tab": "\t", "semicolon": ";", "comma": ",", "bar": "|", "space": " "}
 COMMENTS = ("#", "//", "%", "!", "*")

@@ -258,7 +258,7 @@ def limits_written_out(file):
 
 
 # Not what a quantity can be: what one instrument can say, a scale and an offset, what is drawn at random.
-OTHER = ("rig/sensors/", "rig/scan.py", "rig/virtual/", "rig/logs/unit_names.py")
+OTHER = ("rig/sensors/", "rig/scan.py", "rig/virtual/", "files/unit_names.py")
 
 
 def test_no_other_table_of_ranges_is_written_out():

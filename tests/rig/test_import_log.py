@@ -24,13 +24,13 @@ from made_up_logs import (
 )
 
 from shockrig.files.campaign import read_campaign
+from shockrig.files.unit_names import quantity_of
 from shockrig.protocols.cli import main
 from shockrig.rig.logs import clock_columns
 from shockrig.rig.logs.first_map import look_at
 from shockrig.rig.logs.map_file import parse_map
 from shockrig.rig.logs.order import in_order
 from shockrig.rig.logs.text import Layout, scan
-from shockrig.rig.logs.unit_names import quantity_of
 
 
 def run(*arguments):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 # quantity -> unit as maps write it -> (factor, offset) to the unit of the campaign: degC, percent, hPa, m/s
@@ -15,7 +15,10 @@ UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = MappingProxyType(
             "hPa": (1.0, 0.0), "Pa": (0.01, 0.0), "kPa": (10.0, 0.0), "bar": (1000.0, 0.0),
             "mmHg": (1.333224, 0.0), "inHg": (33.863886, 0.0), "psi": (68.947573, 0.0),
         },
-        "airflow": {"m/s": (1.0, 0.0), "km/h": (1.0 / 3.6, 0.0), "knots": (0.514444, 0.0), "mph": (0.44704, 0.0)},
+        "airflow": {
+            "m/s": (1.0, 0.0), "km/h": (1.0 / 3.6, 0.0), "knots": (0.514444, 0.0), "mph": (0.44704, 0.0),
+            "ft/min": (0.00508, 0.0),
+        },
         "time": {
             "s": (1.0, 0.0), "ms": (1e-3, 0.0), "us": (1e-6, 0.0), "min": (60.0, 0.0), "h": (3600.0, 0.0),
             "days": (86400.0, 0.0),
@@ -55,6 +58,7 @@ _ALIASES = {
     "km/h": ("km/h", "kmh", "kph"),
     "knots": ("knots", "kt", "kts", "kn"),
     "mph": ("mph",),
+    "ft/min": ("ft/min", "fpm"),
     "s": ("s", "sec", "secs", "second", "seconds", "sek"),
     "ms": ("ms", "msec", "millis", "milliseconds", "millisecond"),
     "us": ("us", "µs", "μs", "usec", "micros", "microseconds"),
@@ -109,6 +113,48 @@ def unit_in_name(name: str) -> str | None:
             if len(unit) > 1 or "_" in name:
                 return unit
     return None
+
+
+_METRES = ("m", "metre", "metres", "meter", "meters")  # in brackets, where a letter by itself can be no minute
+# What in brackets can only be a unit: a letter or two, or what has a line, a power or a degree sign in it.
+_UNIT_LIKE = re.compile(r"[°º]?[a-zµμ]{1,2}|(?=[^:]{1,9}$)[^:]*([/^°º²³]|-\d).*", re.I)
+
+
+def unit_of_column(quantity: str, name: str, called: Sequence[str] = ()) -> str | None:
+    """The unit of a quantity (a key of `UNITS`) that a column's name states: as in `unit_in_name`, or behind one of the
+    names that it may be `called` by (letters and digits alone), as in "tempF"; None where it states none.
+
+    Raises
+    ------
+    UnitError
+        What stands in brackets can only be a unit, and is none of this quantity.
+    """
+    unit = unit_in_name(name)
+    if unit in UNITS[quantity]:
+        return unit
+    inside = _BRACKETS.findall(name)
+    if quantity == "altitude" and any(set(one.lower().split()) & set(_METRES) for one in inside):
+        return "m"
+    for word in (word for one in inside for word in one.split()):
+        if known_unit(word) in UNITS[quantity]:  # "ft AGL"
+            return known_unit(word)
+    if unread := next((one for one in inside if known_unit(one) or _UNIT_LIKE.fullmatch(one)), None):
+        raise UnitError(unread)
+    squeezed = squeeze(name)
+    for alias, meant in _UNIT_OF.items():
+        end = squeeze(alias)
+        if meant in UNITS[quantity] and end and squeezed.endswith(end) and squeezed[: -len(end)] in called:
+            return meant
+    return None
+
+
+def squeeze(name: str) -> str:
+    """A column's name as letters and digits alone: "Air Temperature (degC)" -> "airtemperaturedegc"."""
+    return re.sub(r"[^a-z0-9]", "", name.lower().replace("°", "").replace("%", "percent"))
+
+
+class UnitError(ValueError):
+    """A text in a column's name that can only be a unit, and is none of its quantity."""
 
 
 def bare_name(name: str) -> str:
