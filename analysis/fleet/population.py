@@ -6,8 +6,9 @@ runs, and those of its carriage, what its runs have in all probes. With
 A = H'R^-1 H, a = H'R^-1 x, F = H'R^-1 C and M = (I + A Sigma)^-1 the marginal normal equations are sums over sensors
 of M A, M a and M F: everything here is linear in their number. Sigma by EM on the restricted likelihood (Laird and Ware
 1982, doi 10.2307/2529876). Its correlations are those that K + 1 more sensors without any would leave, its variances
-the means of their posterior under a half-Cauchy prior (Gelman 2006, doi 10.1214/06-BA117A), so that a few sensors do
-not promise a narrow type.
+the means of their posterior, so that a few sensors do not promise a narrow type. The prior of a spread s is Jeffreys's,
+of sensors known to u alone s / (u^2 + s^2) ds, with the tail of a half-Cauchy one (Gelman 2006, doi
+10.1214/06-BA117A): one that is flat to zero has fleets with a spread near u find next to none too often.
 """
 
 from __future__ import annotations
@@ -308,13 +309,17 @@ def estimate(r: Reduced, start: Array, steps: int = MOST_STEPS) -> PopulationFit
 
 
 def _posterior(r: Reduced, sigma: Array, k: int, trials: Array) -> Array:
-    """Weights of trial standard deviations of coordinate k, evenly spaced in their logarithm."""
-    logs = np.empty(trials.size)
+    """Weights of trial standard deviations of coordinate k, evenly spaced in their logarithm.
+
+    b_j = B_jk b_k + what is left of it: both stay, so that the likelihood along the trials is that of b_k alone.
+    """
+    logs, column = np.empty(trials.size), sigma[k] / sigma[k, k]
     for j, trial in enumerate(trials):
-        scale = np.ones(sigma.shape[0])
-        scale[k] = trial / math.sqrt(sigma[k, k])
-        logs[j] = level(r, sigma * np.outer(scale, scale)).log_likelihood
-    logs += np.log(trials) - np.log1p((trials / SPREAD_SCALE) ** 2)
+        tried = sigma + (trial**2 - sigma[k, k]) * np.outer(column, column)
+        told = np.linalg.solve(np.eye(column.size) + r.A @ tried, (r.A @ column)[..., None])[..., 0] @ column
+        information = max(2.0 * trial**4 * float(told @ told), 1e-300)  # Fisher's, of ln of the standard deviation
+        logs[j] = level(r, tried).log_likelihood + 0.5 * math.log(information)
+    logs -= np.log1p((trials / SPREAD_SCALE) ** 2)
     weight = np.exp(logs - logs.max())
     return np.asarray(weight / weight.sum())
 
