@@ -1,11 +1,14 @@
 """Who is said not to belong, and how well the mean is known, in fleets drawn straight from the population's model.
 
-    python benchmarks/fleet_drawn.py [--plain 100] [--one-off 50] [--carriages 100] [--large 200 1000 5000] [--seed 1]
+    python benchmarks/fleet_drawn.py [--plain 100] [--one-off 50] [--carriages 100] [--new 100]
+                                     [--large 200 1000 5000] [--seed 1]
 
 No campaign is simulated: a sensor is its true numbers with errors of the uncertainty that is stated of them. Plain
 fleets have 24 sensors that differ by 2 %. One film of 200 is 2 % off where sensors differ by 0.3 % and are known to
 0.15 %. Carriages are eight probes side by side that differ by 0.2 %, whose runs scatter by 4 %, 0 or 90 % of which is
-the same in all of them. Large fleets show what the reduce of a fleet takes. Last, what the two stages lose beside one
+the same in all of them. New sensors come to fleets of 20 that differ by 0.2 to 5 times what each is known to, ten to a
+fleet; each knows its alpha and D(20) 1.8 times worse than those of the fleet do, and nothing of D(0) and D(40), as from
+ten runs at 20 degC. Large fleets show what the reduce of a fleet takes. Last, what the two stages lose beside one
 fit of all readings, in closed form. A row for each fleet goes to standard error.
 """
 
@@ -27,6 +30,8 @@ from shockrig.analysis.fleet.fleet import fleet_of
 from shockrig.files.fleet_file import CHANNELS, Fleet
 
 OFF = 0.02
+RATIOS = (0.2, 0.4, 0.7, 1.0, 1.5, 2.0, 5.0)
+KNOWN_TO, WORSE, NEW = 0.003, 1.8, 10  # what a sensor of a fleet is known to, by how much less new ones, and how many
 
 
 def main(argv: list[str] | None = None) -> None:
@@ -35,6 +40,7 @@ def main(argv: list[str] | None = None) -> None:
     parser.add_argument("--plain", type=int, default=100)
     parser.add_argument("--one-off", type=int, default=50)
     parser.add_argument("--carriages", type=int, default=100)
+    parser.add_argument("--new", type=int, default=100)
     parser.add_argument("--large", type=int, nargs="*", default=[200, 1000, 5000])
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args(argv)
@@ -46,6 +52,8 @@ def main(argv: list[str] | None = None) -> None:
     if args.carriages:
         for share in (0.0, 0.9):
             carriages(args.carriages, args.seed, share)
+    for ratio in RATIOS if args.new else ():
+        new_sensors(args.new, args.seed, ratio)
     for sensors in args.large:
         large(sensors, args.seed)
     two_stages(args.seed)
@@ -106,6 +114,33 @@ def carriages(count: int, seed: int, share: float) -> None:
     print(
         f"carriages of 8, {share:.0%} of the runs' scatter in common: mean alpha known to {100 * np.median(u):.2f} %, "
         f"covered {100 * np.mean(off < 2.0):.1f} %; sensors covered {100 * np.mean(np.array(sensors) < 2.0):.1f} %"
+    )
+
+
+def new_sensors(count: int, seed: int, ratio: float) -> None:
+    """How often a new sensor's numbers lie within two standard uncertainties, before its runs and with them."""
+    before, after, spreads = [], [], []
+    shown = np.eye(4)[[0, 2]]
+    for i in range(count):
+        rng = np.random.default_rng([seed, 6, i, int(100 * ratio)])
+        drawn, truths = drawn_fleet(rng, 20 + NEW, spread=ratio * KNOWN_TO, uncertainty=KNOWN_TO)
+        one = fleet_of(drawn[:20]).population
+        prior, error = one.predictive, WORSE * KNOWN_TO
+        gain = np.linalg.solve(shown @ prior @ shown.T + error**2 * np.eye(2), shown @ prior).T
+        known = prior - gain @ shown @ prior
+        for alpha, d in truths[20:]:
+            off = np.array([alpha, *d[::2]]) - one.mean
+            left = off - gain @ (shown @ off + error * rng.standard_normal(2))
+            before.append(np.abs(off) < 2.0 * np.sqrt(np.diag(prior)))
+            after.append(np.abs(left) < 2.0 * np.sqrt(np.diag(known)))
+        spreads.append(np.sqrt(np.diag(one.covariance))[[0, 2]] / (ratio * KNOWN_TO))
+        row(f"new sensors, {ratio:g}", i, *spreads[-1].round(3), np.mean(after[-NEW:]), np.mean(before[-NEW:]))
+    each = " ".join(f"{100 * c:.1f}" for c in np.mean(after, axis=0))
+    low, high = np.percentile(spreads, [5, 95])
+    print(
+        f"fleets of 20 that differ by {ratio:g} u, found as {low:.2f} to {high:.2f} of that: new sensors covered "
+        f"{100 * np.mean(after):.1f} % (alpha, D: {each}), before their runs {100 * np.mean(before):.1f} %",
+        flush=True,
     )
 
 
