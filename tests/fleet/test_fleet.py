@@ -22,7 +22,7 @@ from shockrig.analysis.diagnose.remainder import Tolerance
 from shockrig.analysis.estimate.problem import OwnRates, restricted
 from shockrig.analysis.fleet.fleet import common_share, fleet_of, members_of
 from shockrig.analysis.fleet.fleet_prior import with_population
-from shockrig.analysis.fleet.population import benjamini_hochberg, level, reduce_members
+from shockrig.analysis.fleet.population import Reduced, benjamini_hochberg, estimate, level, reduce_members
 from shockrig.analysis.fleet.scatter import TRIALS, scatter_of_benches
 from shockrig.analysis.fleet.statistics import statistics_of
 from shockrig.analysis.fleet.whose import DiagnosedProbe, causes_of, judged_causes
@@ -89,6 +89,24 @@ def test_a_few_sensors_do_not_promise_a_narrow_type():
         one = fleet_of(statistics[:6]).population
         off += list((numbers_of(truths[6]) - one.mean) / np.sqrt(np.diag(one.predictive)))
     assert np.mean(np.abs(off) < 1.96) >= 0.85
+
+
+def reduced(values, u):
+    """Sensors of a bench that know all of their coordinates to u (n, K)."""
+    n, size = values.shape
+    A = np.broadcast_to(np.eye(size) / u**2, (n, size, size)).copy()
+    nobody, one = np.zeros((n, size, 0)), np.zeros(n, dtype=np.int64)
+    return Reduced(A, values / u**2, nobody, np.zeros((n, 0, 0)), np.zeros((n, 0)), one, one, 0)
+
+
+def test_how_sure_a_spread_is_does_not_hang_on_what_goes_with_it():
+    """Trials of one spread that kept its correlations were held by the other's spread, and surer than these values."""
+    first, other = np.random.default_rng(8).standard_normal((2, 30))
+    values = 0.02 * np.column_stack([first, 0.95 * first + 0.3 * other])
+    alone, both = (estimate(reduced(x, 1e-4), 1e-3 * np.eye(x.shape[1])) for x in (values[:, :1], values))
+    assert both.sigma[0, 0] == pytest.approx(alone.sigma[0, 0], rel=0.02)
+    assert both.degrees[0] == pytest.approx(alone.degrees[0], rel=0.05)
+    assert alone.degrees[0] == pytest.approx(29, rel=0.1)  # Jeffreys's prior of exact values: those of their variance
 
 
 def test_what_a_bench_shares_is_no_spread():
