@@ -1,11 +1,13 @@
 """Whether many sensors take as long as they should, in flat memory, and whether killed workers change a digit.
 
-    OPENBLAS_NUM_THREADS=1 python benchmarks/fleet_scale.py [--sensors 24] [--plunges] [--made 8] [--workers 2] [--kills 3] [--stop]
+    OPENBLAS_NUM_THREADS=1 python benchmarks/fleet_scale.py [--sensors 24] [--plunges] [--made 8] [--workers 2]
+                                                            [--kills 3] [--stop]
 
 A few virtual sensors are recorded, 36 runs of bead and film each, or with `--plunges` one plunge of a bead. Each is
 copied under serial numbers of its own, which makes it another campaign to the map. `shockrig fleet` works on them on a
 local Dask cluster while workers are killed. Its document is compared, digit by digit, with that of the few as this
-process characterizes them, with one thread of the linear algebra as the command does: two end in other digits. With `--stop` the command itself is killed half-way and given again.
+process characterizes them, with one thread of the linear algebra as the command does: two end in other digits. With
+`--stop` the command itself is killed half-way and given again.
 
 A line for each quarter of the sensors says what it took. Seconds of the processor are those of all processes of the
 command, as far as they were seen to the end; the clock's mean something on an idle machine alone. Memory is the largest
