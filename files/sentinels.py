@@ -41,6 +41,8 @@ _TEMPERATURE = _ZERO | {
     -242.02: "Pt100 whose converter reads no resistance (MAX31865, raw 0)",
     988.79: "Pt100 that is broken (MAX31865, all bits set)",
 }
+# a logger that writes degF converts the codes as well
+_TEMPERATURE = {1.8 * code + 32.0: f"{who}; in degF" for code, who in _TEMPERATURE.items()} | _TEMPERATURE
 _HUMIDITY = _ZERO | {
     -6.0: "SHT2x, SHT4x and HTU21D, raw 0",
     118.99: "SHT2x and HTU21D, all bits set",

@@ -434,16 +434,23 @@ def compared(
 def _owned(flight: Flight, bead: FlightChannel, channel: FlightChannel, notes: list[str]) -> FlightChannel:
     """The channel with uncertainties as wide as ascent and descent disagree, and what may be the cause in `notes`."""
     found = causes(flight, bead, channel)
+    shapes = _shapes(channel)
     stated = np.where(np.isfinite(channel.value), channel.total_uncertainty, np.nan) ** 2
     air_c = None if channel.name == bead.name else _warmth(flight, bead)
     less = _layered(flight, (channel.value, *(cause.moves for cause in found)), air_c=air_c)
-    plus = _layered(flight, (stated,), 1.0)
+    plus = _layered(flight, (stated, *(shape**2 for shape in shapes)), 1.0)
     if less is None or plus is None or less[2].shape[1] != plus[2].shape[1]:
         return channel
     difference, *moved = less[2]
-    beyond, likely = excess(Difference(difference, plus[2][0]))
+    seen = Difference(difference, plus[2][0])
+    beyond, likely = excess(seen)
+    squares = plus[2][1:]
+    share = shared(seen, beyond, squares)
+    wide = np.sqrt(
+        sum(w * beyond * shape**2 / square.mean() for w, shape, square in zip(share, shapes, squares, strict=True))
+    )
     if likely < LIKELIER_THAN_NOT:
-        return channel.doubted(float(np.sqrt(beyond / 2.0)))
+        return channel.doubted(wide)
     unit, wider = UNITS[channel.name], float(np.sqrt(beyond / 2.0))
     cause = explained(difference, moved, found)
     notes.append(
@@ -451,7 +458,27 @@ def _owned(flight: Flight, bead: FlightChannel, channel: FlightChannel, notes: l
         f"the profile has it, or the air changed; uncertainties are widened by {wider:.2g} {unit}"
         + (f"; likely {cause}" if cause else "")
     )
-    return channel.doubted(wider)
+    return channel.doubted(wide)
+
+
+def _shapes(channel: FlightChannel) -> tuple[Array, ...]:
+    """How large (n,) a channel's error may be where, beside elsewhere: the same everywhere, as what lags, and in
+    humidity as the humidity: what gain or a temperature that is off make of it."""
+    lag, level = np.abs(np.nan_to_num(channel.lag)), np.abs(np.nan_to_num(channel.value))
+    shapes = [np.ones(lag.shape), lag, *([level] if channel.name == "humidity" else [])]
+    return tuple(shape for shape in shapes if shape.any())
+
+
+def shared(difference: Difference, beyond: float, squares: Array) -> Array:
+    """Share (s,) of each shape of an error, of which both ways' `squares` (s, layers) are, in a mean square `beyond`
+    what is allowed: as likely as the layers' differences are under it, of which so few are independent."""
+    d = difference.corrected
+    rest = max(float(np.mean(d**2)) - beyond, 0.0)
+    width = rest + beyond * squares / squares.mean(axis=1, keepdims=True)
+    width = np.maximum(width, 1e-12 * float(np.mean(d**2)))
+    nats = -0.5 * LARGE_SCALES * np.mean(np.log(width) + d**2 / width, axis=1)
+    odds = np.exp(nats - nats.max())
+    return np.asarray(odds / odds.sum())
 
 
 def _way(slower: float) -> str:

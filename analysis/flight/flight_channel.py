@@ -197,6 +197,8 @@ def judged(
         )
     value, sigma = found.air * unit, np.sqrt(variance) * unit
     away = np.hypot(sigma, raw - value)
+    of_outside = _still_there(readings, outside, np.abs(raw - value))
+    sigma, common = np.hypot(sigma, of_outside), common + (of_outside / unit) ** 2
     late = undone.delay_uncertainty_s * slope(readings.time_s, value) if undone.delay_uncertainty_s else 0.0
     shared = np.where(raw_rows, np.hypot(np.sqrt(common) * unit, raw - value), np.sqrt(common) * unit)
     value = np.where(raw_rows, raw, value)
@@ -219,6 +221,18 @@ def judged(
         found.jumps_s,
         readings.response,
     )
+
+
+def _still_there(readings: FlightReadings, outside: Mask, away: Array) -> Array:
+    """What is unsure (n,) behind rows beyond the table, by as much as the correction would change the last of them: how
+    fast the sensor was there is not known, and it remembers where it stood."""
+    left = np.zeros(away.shape)
+    for last in np.flatnonzero(outside[:-1] & ~outside[1:]).tolist():
+        behind = slice(last + 1, last + 1 + _remembered(readings))
+        since = readings.time_s[behind] - readings.time_s[last]
+        if np.isfinite(away[last]):
+            left[behind] = np.maximum(left[behind], away[last] * np.exp(-since / readings.response.slowest_s))
+    return np.where(outside, 0.0, left)
 
 
 def _given_nowhere(
@@ -371,7 +385,7 @@ def held(
     value = np.where(out, np.clip(value, *possible), value)
     sigma = channel.uncertainty
     if (capped := _capped(channel, np.full(raw.shape, -np.inf)) & ~channel.raw).any():
-        value = _above_ceiling(value, raw, capped, channel, notes)
+        value = _above_ceiling(value, raw, capped, channel, readings, notes)
         beyond = np.where(capped & np.isfinite(value), value - raw, 0.0)
         wider = np.hypot(channel.uncertainty, beyond)
         channel = replace(channel, value=np.where(capped, value, channel.value), uncertainty=wider)
@@ -425,7 +439,9 @@ def _nearer(channel: FlightChannel, readings: FlightReadings, unit: Array, sigma
     return replace(channel, value=np.where(vague, reading + kept * off, channel.value))
 
 
-def _above_ceiling(value: Array, raw: Array, capped: Mask, channel: FlightChannel, notes: list[str]) -> Array:
+def _above_ceiling(
+    value: Array, raw: Array, capped: Mask, channel: FlightChannel, readings: FlightReadings, notes: list[str]
+) -> Array:
     """Values where the sensor stopped: it was there or above."""
     limit = float(np.max(raw[capped]))
     notes.append(
@@ -434,7 +450,19 @@ def _above_ceiling(value: Array, raw: Array, capped: Mask, channel: FlightChanne
     )
     # the sensor, not the air: that lies as far from it as it does without the ceiling
     shown = value - channel.lag
-    return np.where(capped & np.isfinite(value), value + np.maximum(limit - shown, 0.0), value)
+    least = value + np.maximum(limit - shown, 0.0)
+    # air that was below, and for longer than the sensor lags, would have shown: so it was not while that stays there
+    stays = capped & _stays(capped | ~channel.screened.usable, readings)
+    return np.where(capped & np.isfinite(value), np.where(stays, np.maximum(least, limit), least), value)
+
+
+def _stays(capped: Mask, readings: FlightReadings) -> Mask:
+    """Rows (n,) that are `capped`, or not read, and behind which all are for as long as the sensor lags."""
+    lag_s = readings.response.slowest_s + readings.delay_s
+    ends = np.append(readings.time_s[~capped], np.inf)
+    next_s = ends[np.searchsorted(ends, readings.time_s)]
+    last_s = float(readings.time_s[-1])
+    return np.asarray(np.minimum(next_s, last_s) - readings.time_s >= lag_s)
 
 
 def _remembered(readings: FlightReadings) -> int:

@@ -150,6 +150,16 @@ def _forgotten(alone_k: Array, response: LagResponse, period: float) -> Array:
     return followed(np.diff(alone_k, prepend=0.0), keep, 0.0) / (1.0 - keep)
 
 
+def _lagged_drift(used_c: Array, believed_c: Array, response: LagResponse, period: float) -> Array:
+    """What is made (n,) of the vapour, in its logarithm, by a temperature that is `used` (n,) and forgets what the
+    `believed` one does not: where the one drifts from the other, the vapour seems to, and its lag is undone too."""
+    if np.array_equal(used_c, believed_c):
+        return np.zeros(used_c.shape)
+    drift = np.log(saturation_pressure_hpa(used_c) / saturation_pressure_hpa(believed_c))
+    lags, _ = lags_behind(drift, response, period)
+    return np.asarray(drift - (lags * response.weight).sum(axis=1))
+
+
 def _rows(response: LagResponse, period: float) -> int:
     """The most rows within which the film shows no more than `SHOWN_SHARE` of a step, or one in which it shows no more
     than a lag does (`MOST_SHARE`); 0 where it shows more."""
@@ -296,10 +306,11 @@ def _through_vapour(
     own_air = bridged(time_s, flight.die_temperature_c)
     at_sensor = replace(stream, temperature_c=air if own_air is None else own_air)
     plain = undone(film.effects, raw, at_sensor, film.part.film_thickness_m, typical_period(time_s))
-    alone = np.zeros(raw.shape)
+    alone, drift = np.zeros(raw.shape), np.zeros(raw.shape)
     if alike:
         alone = _alone(time_s, plain, air, sigma, bead, screened, response, film.noise)
-        air = air - _forgotten(alone, response, typical_period(time_s))
+        believed, air = air - alone, air - _forgotten(alone, response, typical_period(time_s))
+        drift = _lagged_drift(air, believed, response, typical_period(time_s))
     # a late reading is of the air that was; the die's temperature comes from the same chip and is as late
     now, air, error = air, *(_earlier(time_s, values, plain.delay_s) for values in (air, sigma))
     if bead.carried is not None:
@@ -309,7 +320,7 @@ def _through_vapour(
     # is taken up by activity is the reading itself
     own_es = saturation_pressure_hpa(own)
     held_es = own_es**activity * saturation_pressure_hpa(REFERENCE_C) ** (1.0 - activity)
-    to_vapour, from_vapour = own_es / held_es, held_es / saturation_pressure_hpa(now)
+    to_vapour, from_vapour = own_es / held_es, held_es / saturation_pressure_hpa(now) * np.exp(-drift)
     if plain.delay_s:
         response = film.respond(air)
     if told is not None:

@@ -72,10 +72,12 @@ def with_jumps(
     local: Prior,
     refit: Callable[[Array], Prior],
     known_s: Array,
+    loud: NDArray[np.bool_],
 ) -> tuple[Sweep, Prior, Jumps]:
     """Sweep, strengths (fitted anew by `refit` to the readings without the jumps) and the jumps.
 
-    `known_s` (j, 2) are times between which another sensor saw the air jump: there, if anywhere near.
+    `known_s` (j, 2) are times between which another sensor saw the air jump: there, if anywhere near. `loud` (n,) are
+    readings in bursts of noise.
     """
     jumps = none(values.size)
     found = swept(track, values, variance, local, jumps)
@@ -92,7 +94,7 @@ def with_jumps(
             break
         for k in places:
             # before air as calm as it is elsewhere, a jump has its place most sharply
-            jumps = _best(track, values, variance, typical, jumps, int(k), found.jump[k], known_s, guess)
+            jumps = _best(track, values, variance, typical, jumps, int(k), found.jump[k], known_s, guess, loud)
         found = swept(track, values, variance, local, jumps, found)
         if number == 0:
             local = refit(without(track, values, found, jumps))
@@ -136,12 +138,14 @@ def _best(
     size: Array,
     known_s: Array,
     guess: tuple[Array, Array],
+    loud: NDArray[np.bool_],
 ) -> Jumps:
     """The jumps with one more near a node: of the air, of its slope, or a ramp; `size` (2,) as found, placed where it
     makes the readings most likely.
 
     In a gap it may have been at any place that the readings behind do not refute. A jump at one of several places, each
-    as likely, has the mean and the variance of jumps at all of them that share its variance.
+    as likely, has the mean and the variance of jumps at all of them that share its variance. In a burst of noise it may
+    have been anywhere, and the air may have gone there in any way, unless one place is likelier by far.
     """
     most = min(float(np.ptp(values)), WIDEST_IN_NOISE * float(local.noise[near]))
     size = np.clip(np.abs(size), 0.0, [most, most / track.period_s])
@@ -165,6 +169,18 @@ def _best(
     if not tried:
         return jumps
     cost = costs(track, values, variance, local, tried, nodes, guess)
+    if not known and (within := _burst_around(near, loud, read)) is not None and not jumps.variance[within].any():
+        anywhere = Jumps(jumps.variance.copy(), jumps.place)
+        anywhere.variance[within, 0] = size[0] ** 2 / (within.stop - within.start)
+        wide = np.arange(min(nodes[0], within.start), max(nodes[-1] + 1, within.stop))
+        here = [
+            Jumps(one.variance[wide], one.place[wide])
+            for one in (anywhere, trials.with_one(tried[int(np.argmin(cost))]))
+        ]
+        of_all, of_one = costs(track, values, variance, local, here, wide, guess).tolist()
+        # of jumps at one place or another the mean likelihood, of which the best is the most
+        if of_all <= of_one - np.log(np.mean(np.exp(cost.min() - cost))) + ALIKE_NATS:
+            return anywhere
     if known:
         there = trials.finer(int(np.argmin(cost[:known])))
         of_known = np.append(cost[:known], costs(track, values, variance, local, there, nodes, guess) if there else [])
@@ -185,6 +201,15 @@ def _best(
     return trials.with_one(tried[int(np.argmin(cost))])
 
 
+def _burst_around(near: int, loud: NDArray[np.bool_], read: NDArray[np.bool_]) -> slice | None:
+    """Nodes from the first that was read in the burst of noise around a node to the first that was read behind it."""
+    calm = np.flatnonzero(read & ~loud)
+    after = int(np.searchsorted(calm, near))
+    if not 0 < after < calm.size or not loud[calm[after - 1] + 1 : calm[after]].any():
+        return None
+    return slice(int(calm[after - 1]) + 1, int(calm[after]) + 1)
+
+
 class JumpTrials:
     """What is tried beside the jumps that are known, at some `nodes` (m,): each is those jumps with one more, and
     `single` says whether that is one of the air."""
@@ -199,6 +224,8 @@ class JumpTrials:
         """One more; each of its jumps is (node, kind, size, place), and may be placed between `bounds` of its step."""
         nodes = self.nodes
         if any(not nodes[0] < k <= nodes[-1] or self.known.variance[k].any() for k, *_ in added):
+            return
+        if not all(height**2 for _, _, height, _ in added):  # a jump by nothing has no place to be looked for
             return
         one = Jumps(self.known.variance[nodes], self.known.place[nodes])
         for k, kind, height, place in added:
@@ -352,7 +379,7 @@ def estimate(
     noise_factor = float(local.noise[0]) / strengths.expected if rounding is None else 1.0
     variance = np.where(on.measured, noise_variance[on.row] * noise_factor**2, np.inf)
     known_s = np.zeros((0, 2)) if jumped_s is None else jumped_s
-    found, local, jumps = with_jumps(track, on.bridged, variance, local, strengths, known_s)
+    found, local, jumps = with_jumps(track, on.bridged, variance, local, strengths, known_s, strengths.loud)
     if rounding is None:
         brief = _brief(track.time_s, on.measured, BRIEF_LAGS * response.slowest_s)
         found, local = _of_samples(on, variance, brief, noise_factor, jumps, found, local, strengths)
@@ -477,7 +504,8 @@ def _strengths(
     noise = np.interp(track.time_s, track.time_s[calm], np.sqrt(noise_variance[on.row][calm]))
     rows = np.flatnonzero(calm)
     expected = float(np.sqrt(np.mean((noise if rows.size > SPARSE_SHARE * calm.size else noise[rows]) ** 2)))
-    return StrengthsOfFlight(track, ordinary, rows, noise, on.parts, rounding is not None, expected)
+    bursts = np.zeros(calm.size, dtype=bool) if loud is None else on.measured & loud[on.row]
+    return StrengthsOfFlight(track, ordinary, rows, noise, bursts, on.parts, rounding is not None, expected)
 
 
 @dataclass(frozen=True)
@@ -492,6 +520,8 @@ class StrengthsOfFlight:
         Nodes that were read.
     noise : ndarray (n,)
         Standard deviation expected of each reading.
+    loud : ndarray (n,)
+        Nodes with a reading in a burst of noise.
     parts : int
         Nodes that there are to a period of the log.
     stairs : bool
@@ -504,6 +534,7 @@ class StrengthsOfFlight:
     ordinary: NDArray[np.bool_]
     rows: Rows
     noise: Array
+    loud: NDArray[np.bool_]
     parts: int
     stairs: bool
     expected: float

@@ -228,11 +228,33 @@ def _louder(values: Array, usual: float, least: Callable[[int], Array] | None = 
     # a window's median may be small by chance: what lies between loud rows is of their burst
     around = maximum_filter1d(louder, WINDOW_ROWS)
     louder = np.where(minimum_filter1d(around, WINDOW_ROWS) > 0.0, np.maximum(louder, around * (louder == 0.0)), louder)
+    louder = _from_its_first_step(louder, values, usual)
     # a few rows tell a burst's size badly: what its other rows show counts as well
     loud = louder > 0.0
     number = np.cumsum(np.diff(loud, prepend=False) & loud) * loud
     square = np.bincount(number, louder**2) / np.maximum(np.bincount(number), 1)
     return np.maximum(louder, np.where(loud, np.sqrt(square[number]), 0.0))
+
+
+def _from_its_first_step(louder: Array, values: Array, usual: float) -> Array:
+    """The noise (n,) of bursts from the first step on, and to the last, that no `usual` noise makes: a window's median
+    may miss half a window at either end. One step in it may be small by chance, and two in a row are none of it."""
+    step = np.abs(np.diff(values)) > JUMP_IN_NOISE * usual
+    edge = np.diff((louder > 0.0).astype(int), prepend=0, append=0)
+    wider = louder.copy()
+    for first, behind in zip(np.flatnonzero(edge == 1).tolist(), np.flatnonzero(edge == -1).tolist(), strict=True):
+        # the step k leads from row k to the next: into the burst's first row, and out of its last
+        before, after = step[max(first - WINDOW_ROWS // 2, 0) : first][::-1], step[behind - 1 :][: WINDOW_ROWS // 2]
+        wider[first - max(_goes_on(before) - 1, 0) : first] = louder[first]
+        wider[behind : behind + max(_goes_on(after) - 1, 0)] = louder[behind - 1]
+    return wider
+
+
+def _goes_on(steps: Mask) -> int:
+    """How many of the steps from an edge on belong to what begins there: up to the last before two that are small."""
+    small = np.flatnonzero(~(steps[:-1] | steps[1:]))
+    taken = np.flatnonzero(steps[: small[0]] if small.size else steps)
+    return int(taken[-1]) + 1 if taken.size else 0
 
 
 def scatter(values: Array, window: int = WINDOW_ROWS) -> Array:
