@@ -223,15 +223,10 @@ def doubts(flight: Flight) -> list[str]:
             "be in degF or K, or be the humidity: read the log by a map that names its columns and temperature_unit"
         )
     percent = flight.humidity_percent[np.isfinite(flight.humidity_percent)]
-    if (
-        percent.size >= FEWEST_READINGS
-        and 0.0 < np.ptp(percent)
-        and -0.1 < percent.min()
-        and percent.max() < HIGHEST_SHARE
-    ):
+    if percent.size and 0.0 < percent.max() <= HIGHEST_SHARE and percent.min() > -0.1:
         found.append(
-            f"humidity_percent: no reading is above {percent.max():.3g} %RH, as in hardly any air: it may be a share "
-            'of 1: multiply by 100, or read the log by a map with humidity_unit = "fraction"'
+            f"humidity: readings lie between {percent.min():.2g} and {percent.max():.2g}: if they are fractions of 1 "
+            'and not %RH, multiply by 100, or read the log by a map with humidity_unit = "fraction"'
         )
     times = _by_pressure(flight)
     if not 1.0 / HEIGHT_RATIO < times < HEIGHT_RATIO:

@@ -218,7 +218,6 @@ REFERENCE_C = 20.0  # vapour is carried as relative humidity at this temperature
 MOST_COUPLING = 5.0  # vapour and temperature are not told to go together more steeply than this
 LEAST_SHARE = 0.2  # of the uncertainty that stays, however vapour and temperature go together
 SATURATED_PERCENT = 100.0
-HIGHEST_FRACTION = 1.2
 SELDOM_FACTOR = 5.0  # times the usual between two readings of temperature
 VAGUE_NOISES = 10.0  # and so many times its noise
 SMOOTHED_S = 1.0
@@ -261,7 +260,6 @@ def correct_humidity(
     if part is None or too_few(screened):
         why = lacking(part, "humidity", raw, RANGES["humidity_reading_percent"])
         return untouched("humidity", raw, screened, why, notes)
-    notes.extend(_fractions(raw[screened.usable]))
     climb = climb_m_s(flight)
     notes.extend(not_undone(part.effects, "humidity", part.discovered, *[climb_unknown] * (climb is None)))
     if air is None or respond is None or response is None:
@@ -394,16 +392,6 @@ def _screened(
         swing=LIKELY_RANGES["swing_percent"].high,
         lagging=None if air is None else raw * saturation_pressure_hpa(air) / saturation_pressure_hpa(REFERENCE_C),
     )
-
-
-def _fractions(seen: Array) -> list[str]:
-    """A sentence where the readings seem to be fractions of 1."""
-    if seen.max() > HIGHEST_FRACTION or seen.max() <= 0.0:
-        return []
-    return [
-        f"humidity: readings lie between {seen.min():.2g} and {seen.max():.2g}: if they are fractions of 1 and not "
-        '%RH, multiply by 100, or read the log by a map with humidity_unit = "fraction"'
-    ]
 
 
 def _alone(

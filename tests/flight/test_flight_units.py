@@ -129,7 +129,7 @@ def test_a_unit_that_is_not_known_is_named_and_refused(tmp_path, capsys, head, p
         (dict(temperature=lambda t: t + 273.15), "degF or K"),
         (dict(altitude=to_ft), "feet"),
         (dict(altitude=lambda m: m / 1000), "another unit"),
-        (dict(humidity=lambda h: h / 100), "share of 1"),
+        (dict(humidity=lambda h: h / 100), "fractions of 1"),
         (dict(pressure=lambda p: p / 10), "kPa"),
     ],
 )
