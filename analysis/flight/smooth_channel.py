@@ -197,7 +197,8 @@ def _best(
     # a jump is placed as finely as it shows before it is compared with what has no such place
     if (sharp := np.flatnonzero(trials.single)).size:
         finer = trials.finer(int(sharp[np.argmin(cost[sharp])]))
-        tried, cost = tried + finer, np.append(cost, costs(track, values, variance, local, finer, nodes, guess))
+        of_finer = costs(track, values, variance, local, finer, nodes, guess) if finer else []
+        tried, cost = tried + finer, np.append(cost, of_finer)
     return trials.with_one(tried[int(np.argmin(cost))])
 
 
