@@ -197,7 +197,7 @@ def _best(
     # a jump is placed as finely as it shows before it is compared with what has no such place
     if (sharp := np.flatnonzero(trials.single)).size:
         finer = trials.finer(int(sharp[np.argmin(cost[sharp])]))
-        of_finer = costs(track, values, variance, local, finer, nodes, guess) if finer else []
+        of_finer = costs(track, values, variance, local, finer, nodes, guess) if finer else np.zeros(0)
         tried, cost = tried + finer, np.append(cost, of_finer)
     return trials.with_one(tried[int(np.argmin(cost))])
 
