@@ -7,7 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.effect import Arrays, Candidacy, Effect, Needs, Parameter, Readout, Start, Words
+from shockrig.analysis.estimate.effect import (
+    SLOWEST_S,
+    Arrays,
+    Candidacy,
+    Effect,
+    Needs,
+    Parameter,
+    Readout,
+    Start,
+    Words,
+)
 from shockrig.analysis.estimate.without_model import FEWEST_RUNS, as_fast_as_seen
 from shockrig.analysis.physics.chain import Chain, Recorded, RoomAir
 
@@ -126,7 +136,7 @@ def _late_air(id_: str, when: str, those: Callable[[Recorded], Mask]) -> Effect:
         channels=("temperature",),
         equation=f"air(t) = destination + (source - destination) exp(-t / time_constant) in the runs that {when}",
         source="well-mixed chamber",
-        parameters=(Parameter("time_constant_s", "s", 0.02, 1000.0, (0.3, 3.0, 30.0), log=True, none=None),),
+        parameters=(Parameter("time_constant_s", "s", 0.02, SLOWEST_S, (0.3, 3.0, 30.0), log=True, none=None),),
         apply=lambda chain, p: replace(
             chain,
             series=(*chain.series, p["time_constant_s"] * np.where(those(chain.channel), 1.0, AT_ONCE)),

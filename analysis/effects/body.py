@@ -7,7 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.effect import Arrays, Candidacy, Effect, InFlight, Needs, Parameter, Start, Words
+from shockrig.analysis.estimate.effect import (
+    SLOWEST_S,
+    Arrays,
+    Candidacy,
+    Effect,
+    InFlight,
+    Needs,
+    Parameter,
+    Start,
+    Words,
+)
 from shockrig.analysis.estimate.without_model import as_fast_as_seen
 from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.physics.chain import Chain, Recorded
@@ -188,7 +198,7 @@ PARALLEL_LAG = Effect(
     source="two exponentials; what makes the second one (support, housing, film, air) these runs do not say",
     parameters=(
         Parameter("fraction", "1", 0.001, 0.9, (0.05, 0.3), percent=True),
-        Parameter("time_constant_s", "s", 0.05, 3000.0, (3.0, 10.0, 50.0, 300.0), log=True, none=None),
+        Parameter("time_constant_s", "s", 0.05, SLOWEST_S, (3.0, 10.0, 50.0, 300.0), log=True, none=None),
     ),
     apply=lambda chain, p: replace(chain, lags=(*chain.lags, (p["fraction"], p["time_constant_s"][..., None]))),
     words=Words(

@@ -31,7 +31,7 @@ from shockrig.analysis.effects.behaviours import (
     when_it_jumps_s,
 )
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.effect import Effect, InFlight, Link, Parameter, Start, Values, Words
+from shockrig.analysis.estimate.effect import SLOWEST_S, Effect, InFlight, Link, Parameter, Start, Values, Words
 from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S
 from shockrig.files.causes import StatedEffect, Uncertain
 from shockrig.files.diagnosis_data import Dependence, Discovered, EffectSize
@@ -261,7 +261,7 @@ def _parameters(form: Form, jumps: bool) -> Iterable[Parameter]:
             begins = (0.03, 0.1, *TIMES_S)
         elif kind == "added_rate" and form.driver == "own_response":
             begins = (0.2, 1.0, 5.0)
-        yield Parameter("time_constant_s", "s", 0.01, 1000.0, begins, log=True, none=None)
+        yield Parameter("time_constant_s", "s", 0.01, SLOWEST_S, begins, log=True, none=None)
     for factor, how in form.depends_on:
         if (factor, how) in NUMBERS:
             low, high, begin, of, log = NUMBERS[factor, how]

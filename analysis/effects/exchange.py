@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import (
+    SLOWEST_S,
     Arrays,
     Candidacy,
     Effect,
@@ -142,7 +143,9 @@ SERIES_LAG = Effect(
     channels=("temperature", "humidity"),
     equation="time_constant dT_inside/dt = T_air - T_inside, and the body follows T_inside",
     source="two lags in series; housings and caps of thermometers and hygrometers",
-    parameters=(Parameter("time_constant_s", "s", 0.02, 1000.0, (0.3, 3.0, 30.0), log=True, none=None, weakest=0.3),),
+    parameters=(
+        Parameter("time_constant_s", "s", 0.02, SLOWEST_S, (0.3, 3.0, 30.0), log=True, none=None, weakest=0.3),
+    ),
     apply=lambda chain, p: replace(chain, series=(*chain.series, p["time_constant_s"])),
     words=Words(
         (
@@ -176,7 +179,9 @@ SHEATH = Effect(
     ),
     source="Carslaw and Jaeger 1959, section 1.9 (contact with a well-stirred fluid); sheathed thermometers",
     parameters=(
-        Parameter("time_constant_s", "s", 0.02, 1000.0, (0.03, 0.1, 0.3, 1.0, 3.0), log=True, none=None, weakest=0.03),
+        Parameter(
+            "time_constant_s", "s", 0.02, SLOWEST_S, (0.03, 0.1, 0.3, 1.0, 3.0), log=True, none=None, weakest=0.03
+        ),
         Parameter("capacity", "1", 0.02, 50.0, (1.0,), log=True, none=None),
     ),
     apply=lambda chain, p: replace(chain, loaded=(p["time_constant_s"], p["capacity"])),

@@ -18,6 +18,7 @@ from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.quantity import ChannelName
 from shockrig.analysis.physics.air_exchange import Stream
 from shockrig.analysis.physics.chain import Chain
+from shockrig.files.ranges import RANGES
 
 Array = NDArray[np.float64]
 Link = Literal["air", "exchange", "body", "readout", "logger"]
@@ -27,6 +28,7 @@ RARE_PENALTY = 8.0  # added to the penalty of what real benches hardly ever have
 
 TINY_STRENGTH = 1e-9  # of an effect that is none
 DIFFERS_BY = "run_order"  # the factor by which a strength that differs by chance is said to do so
+SLOWEST_S = RANGES["step_s"].high  # of a lag: as long as a step of any protocol
 WITHIN_ENDS = 2.0  # a start's ratio to the ends of its range, at least
 
 

@@ -103,8 +103,9 @@ def _demand_possible(entry: Effect, values: Stated, uncertainties: Mapping[str, 
     the correction's arithmetic would not survive it. A bound that was rounded on its way to the file is inside.
     """
     for parameter in entry.parameters:
-        value, room = values.get(parameter.name), ROUNDED_SHARE * (parameter.high - parameter.low)
-        possible = Range(parameter.low - room, parameter.high + room)
+        value, width = values.get(parameter.name), parameter.high - parameter.low
+        below = ROUNDED_SHARE * (parameter.low if parameter.log else width)  # a positive scale is rounded by its size
+        possible = Range(parameter.low - below, parameter.high + ROUNDED_SHARE * width)
         where = f"profile: effect {entry.id}: {parameter.name}"
         if value is not None and not possible.holds(value):
             raise InputError(
@@ -112,7 +113,7 @@ def _demand_possible(entry: Effect, values: Stated, uncertainties: Mapping[str, 
                 "correct it or take the effect out of the profile"
             )
         sigma = uncertainties.get(parameter.name, 0.0)
-        if sigma > LARGEST_UNCERTAINTY * (parameter.high - parameter.low):
+        if sigma > LARGEST_UNCERTAINTY * width:
             raise InputError(f"{where}: a standard uncertainty of {sigma:g} says nothing; correct it in the profile")
 
 
