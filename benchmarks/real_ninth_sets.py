@@ -40,7 +40,7 @@ import numpy as np
 import pandas as pd
 from real_cache_sets import NO_WATER, NOT_WARMED, RH, Log, T, log_since, write_logs
 from real_sets import RealSet
-from real_seventh_sets import ZERO_PERCENT, noted_rows
+from real_seventh_sets import dye
 from real_sixth_sets import write_beside
 from real_third_sets import stretches
 from scipy.io import loadmat
@@ -57,6 +57,7 @@ OPENED = tuple(f"Staircase_up/measurement_steps_validation_all_2022_02_14_{one}"
 OPENED_AND_CLOSED = ("Starcase_up_n_down/measurement_steps_all_2022_06_10_20_48_NORMAL",)
 VALVE_STEPS = 8  # of a longer log: up, and down again
 BOILED = {"100deg_2": 1690.0, "100deg_3": 8000.0}  # and when the vessel is handled next
+LAYERED = "jacqueline-wong/CEE4530/Project/Data/8gac_90gsand_15rpm_{}.xls"
 LAYERS = ("1_layer_trial1", "2_layer_trial1", "4_layer_trial1", "6_layer_trial2", "8_layer_trial2")
 SAMPLE_ROWS, GAS_SENSORS = 1042, 4
 VAPOUR, VAPOUR_ROWS = 3, 420  # its label, and the rows before the quickest sensor falls
@@ -163,16 +164,6 @@ def boiled(cache: Path, out: Path) -> None:
     write_logs(out, T, logs)
 
 
-def layers(cache: Path, out: Path) -> None:
-    """From the note that dye is pumped to the end of the file."""
-    logs = []
-    for name in LAYERS:
-        path = cache / f"jacqueline-wong/CEE4530/Project/Data/8gac_90gsand_15rpm_{name}.xls"
-        time_s, mg_l = noted_rows(path, "(mg/L)", note=True)
-        logs.append(log_since(time_s, ZERO_PERCENT + mg_l, RH))
-    write_logs(out, RH, logs)
-
-
 def _vapour(sensor: int, rows: slice) -> Callable[[Path, Path], None]:
     """Each sample of one odour."""
 
@@ -209,7 +200,7 @@ def ninth_sets() -> list[RealSet]:
         RealSet("outlet of a plate heat exchanger, valve opened", T, _valve(OPENED), None, dry),
         RealSet("outlet of a plate heat exchanger, valve up and down", T, _valve(OPENED_AND_CLOSED), None, dry),
         RealSet("water that was boiled", T, boiled, None, NOT_WARMED),
-        RealSet("dye behind layers of carbon and sand", RH, layers, None, dry),
+        RealSet("dye behind layers of carbon and sand", RH, dye(LAYERED, LAYERS), None, dry),
         RealSet("gas sensor in vapour", RH, _vapour(1, slice(VAPOUR_ROWS)), None, dry),
         RealSet("gas sensor after vapour", RH, _vapour(0, slice(VAPOUR_ROWS, None)), None, dry),
         RealSet("bar of metal that cools, air beside it", T, bar, None, dry),

@@ -42,6 +42,7 @@ LEAST_ROWS = 40  # of a power of the plate, 32 s
 PERCENT_PER_MG_L, ZERO_PERCENT = 10.0, 10.0  # of oxygen: probes read a little below zero
 STRONG, WEAK = (700, 725, 750, 775, 800, 825), (100, 125, 175, 200, 225)  # airs [umol/s], as the files are called
 OTHER_AIRS = (30, 70, 160, 370, 850, 2000)
+ADSORPTION = "monroews/CEE4530/Examples/data/Adsorption/{}.xls"
 SAND = ("0gac0_5mLpers", "0gac0_5mlperws", "120gsand")
 CARBON = ("0_5gac", "0_601gac0_5mlpers", "1_66gac0_5mlpers", "2gac0_466mLpers", "4gac0_466mLpers")
 LOADED_S, STARTED_S = 10800.0, 600.0  # within ten minutes of the log
@@ -68,7 +69,7 @@ def plate(cache: Path, out: Path) -> None:
     write_logs(out, T, [log_since(frame["t"].to_numpy()[rows], frame["y"].to_numpy()[rows]) for rows in held])
 
 
-def noted_rows(path: Path, column: str, note: bool = False) -> tuple[np.ndarray, np.ndarray]:
+def _noted_rows(path: Path, column: str, note: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Seconds of the day and a column of a table with notes between its rows; of the rows after the last note alone."""
     lines = path.read_text(encoding="latin-1").splitlines()
     noted = [i for i, line in enumerate(lines) if not line[:1].isdigit()]
@@ -86,21 +87,20 @@ def _oxygen(pattern: str, airs: tuple[int, ...]) -> Callable[[Path, Path], None]
     def make(cache: Path, out: Path) -> None:
         logs = []
         for air in airs:
-            time_s, mg_l = noted_rows(cache / pattern.format(air), "DO probe")
+            time_s, mg_l = _noted_rows(cache / pattern.format(air), "DO probe")
             logs.append(log_since(time_s, ZERO_PERCENT + PERCENT_PER_MG_L * mg_l, RH))
         write_logs(out, RH, logs)
 
     return make
 
 
-def _dye(names: tuple[str, ...]) -> Callable[[Path, Path], None]:
-    """From the note that dye is pumped to the end of the file."""
+def dye(pattern: str, names: tuple[str, ...]) -> Callable[[Path, Path], None]:
+    """From the note that dye is pumped to the end of the file, each of some names in `pattern`."""
 
     def make(cache: Path, out: Path) -> None:
         logs = []
         for name in names:
-            path = cache / f"monroews/CEE4530/Examples/data/Adsorption/{name}.xls"
-            time_s, mg_l = noted_rows(path, "(mg/L)", note=True)
+            time_s, mg_l = _noted_rows(cache / pattern.format(name), "(mg/L)", note=True)
             logs.append(log_since(time_s, ZERO_PERCENT + mg_l, RH))
         write_logs(out, RH, logs)
 
@@ -159,8 +159,8 @@ def seventh_sets() -> list[RealSet]:
         RealSet("oxygen of water under much air", RH, _oxygen(course, STRONG), None, dry),
         RealSet("oxygen of water under little air", RH, _oxygen(course, WEAK), None, dry),
         RealSet("oxygen of water under six airs", RH, _oxygen(others, OTHER_AIRS), None, dry),
-        RealSet("dye behind sand", RH, _dye(SAND), None, dry),
-        RealSet("dye behind carbon", RH, _dye(CARBON), None, dry),
+        RealSet("dye behind sand", RH, dye(ADSORPTION, SAND), None, dry),
+        RealSet("dye behind carbon", RH, dye(ADSORPTION, CARBON), None, dry),
         RealSet("Raspberry Pi at four loads and resting", T, pi, None, NO_WATER),
         RealSet("Raspberry Pi in orbit at four loads and resting", T, pi_in_orbit, None, NO_WATER),
         RealSet("Atlas board at eight loads", T, atlas, None, NO_WATER),

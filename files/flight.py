@@ -324,10 +324,8 @@ def _demand_none(path: Path, header: list[str], taken: set[int], quantity: str) 
     """InputError where a column would be a quantity's but for a unit in its name that is not known."""
     for k, name in enumerate(header):
         if k not in taken and (bare := squeeze(bare_name(name))) in NAMES[quantity] and len(bare) >= SHORTEST_NAME:
-            try:
-                unit_of_column(KIND_OF[quantity], name)
-            except UnitError as error:
-                raise InputError(_unread(path, quantity, name, str(error))) from None
+            if unit := unread_unit(quantity, name):
+                raise InputError(_unread(path, quantity, name, unit))
 
 
 def _unread(path: Path, quantity: str, name: str, unit: str) -> str:

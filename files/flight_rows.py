@@ -69,9 +69,8 @@ def look_over(path: Path, layout: FlightColumns) -> Damage:
     return Damage(total, count[0], firsts[0], count[1], firsts[1])
 
 
-def log_notes(path: Path, layout: FlightColumns, wanted: Sequence[str] = ("temperature", "humidity")) -> list[str]:
-    """What is to be said of a log before its rows are used: what was read as what, what is damaged, which quantity that
-    is `wanted` it lacks.
+def damage_notes(path: Path, layout: FlightColumns) -> list[str]:
+    """What is to be said of a log's damaged rows before its rows are used.
 
     Raises
     ------
@@ -84,15 +83,15 @@ def log_notes(path: Path, layout: FlightColumns, wanted: Sequence[str] = ("tempe
             f"{path}: {damage.lost} of {damage.rows} rows could not be read as numbers (first: {damage.first_lost}); "
             "fix the log, or name the columns that hold numbers with --column QUANTITY=NAME"
         )
-    said = [layout.said] if layout.said else []
-    if damage.damaged:
-        how_many = f"{damage.damaged} of {damage.rows} rows could not be read as numbers throughout"
-        said.append(f"{how_many} and are treated as missing there (first: {damage.first_damaged})")
-    return said + [
-        f"{quantity}: no column of it recognised; if there is one, --column {quantity}=NAME"
-        for quantity in wanted
-        if quantity not in layout.place
-    ]
+    if not damage.damaged:
+        return []
+    how_many = f"{damage.damaged} of {damage.rows} rows could not be read as numbers throughout"
+    return [f"{how_many} and are treated as missing there (first: {damage.first_damaged})"]
+
+
+def unrecognised(quantity: str) -> str:
+    """A sentence on a quantity that a log seems to lack."""
+    return f"{quantity}: no column of it recognised; if there is one, --column {quantity}=NAME"
 
 
 def _text_cells(rows: Rows, layout: FlightColumns, quantity: str) -> NDArray[np.bool_]:

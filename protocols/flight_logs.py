@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from shockrig.files.disk import open_text, shown
 from shockrig.files.errors import InputError
 from shockrig.files.flight import REMEDY, Flight, LayoutError, read_layout, unread_unit
-from shockrig.files.flight_rows import log_notes, whole_flight
+from shockrig.files.flight_rows import damage_notes, whole_flight
 
 if TYPE_CHECKING:
     from shockrig.rig.logs.mapping import LogMap
@@ -231,8 +231,9 @@ def read_log(
         made = Path(folder) / "rows.csv"
         try:
             if read := to_csv(path, made, columns=columns, map_path=map_path):
-                return whole_flight(made), (*read.said, *log_notes(made, read_layout(made), ()))
+                return whole_flight(made), (*read.said, *damage_notes(made, read_layout(made)))
         except InputError as error:
             raise type(error)(str(error).replace(str(made), str(path))) from error
-    said = log_notes(path, read_layout(path, columns), ())
-    return whole_flight(path, columns), tuple(said)
+    layout = read_layout(path, columns)
+    said = [layout.said] if layout.said else []
+    return whole_flight(path, columns), (*said, *damage_notes(path, layout))

@@ -12,6 +12,7 @@ import numpy as np
 from shockrig.analysis.physics.standard_atmosphere import pressure_altitude_m
 from shockrig.files.errors import InputError
 from shockrig.files.flight import Flight
+from shockrig.files.flight_rows import unrecognised
 from shockrig.files.learned import (
     GainOnNextFlight,
     LearnedChannel,
@@ -84,7 +85,7 @@ def checked(name: str, flight: Flight) -> tuple[Flight, list[str]]:
         raise InputError(f"{name}: {'; '.join(wrong)}")
     for channel, values in (("temperature", flight.temperature_c), ("humidity", flight.humidity_percent)):
         if not np.isfinite(values).any():
-            said.append(f"{channel}: no column of it recognised; if there is one, --column {channel}=NAME")
+            said.append(unrecognised(channel))
     flight, more = with_altitude(flight)
     return flight, [*said, *doubts(part), *steps, *more]
 

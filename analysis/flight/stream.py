@@ -24,7 +24,7 @@ from shockrig.files.flight import FLAGS, Corrected, Flight, FlightColumns, read_
 from shockrig.files.flight_cells import Rows, joined, read_blocks
 from shockrig.files.flight_csv import CsvWriter
 from shockrig.files.flight_netcdf import NetcdfWriter
-from shockrig.files.flight_rows import log_notes, to_flight
+from shockrig.files.flight_rows import damage_notes, to_flight, unrecognised
 from shockrig.files.profile import Profile
 from shockrig.files.serials import of_log, serial_doubts
 
@@ -121,10 +121,12 @@ def _writer(target: Path, layout: FlightColumns, history: str) -> NetcdfWriter |
 
 def _said_of(source: Path, layout: FlightColumns, profile: Profile) -> list[str]:
     """What is to be said of a log before its rows are corrected; InputError where most of them are no numbers."""
-    said = log_notes(
-        source, layout, [name for name in ("temperature", "humidity") if getattr(profile, name) is not None]
-    )
-    said[1 if layout.said else 0 : 0] = serial_doubts(of_log(source, layout, source.name), profile.sensors)
+    damage = damage_notes(source, layout)
+    said = [layout.said] if layout.said else []
+    said += [*serial_doubts(of_log(source, layout, source.name), profile.sensors), *damage]
+    for quantity in ("temperature", "humidity"):
+        if quantity not in layout.place and getattr(profile, quantity) is not None:
+            said.append(unrecognised(quantity))
     return said
 
 
