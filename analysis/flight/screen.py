@@ -188,8 +188,8 @@ def _jumps(before: Array, behind: Array) -> bool:
 
 def _turns(temperature: Array, humidity: Array, before: int, behind: int, degf: bool) -> Mask:
     """Rows (n,) from which each column goes on from the other, by medians over some rows `before` and from there on:
-    single readings may be noise, and where either goes fast, the two may cross. With `degf` either may be in degF on
-    one side, if nothing but an exchange explains it."""
+    single readings may be noise, and where either goes fast, the two may cross. It is no exchange if degF on one side
+    explains as much; with `degf` an exchanged column may be in degF there as well."""
 
     def level(values: Array, size: int, first: int) -> tuple[Array, Array]:
         padded = np.pad(values, BESIDE_ROWS, mode="edge")
@@ -206,10 +206,6 @@ def _turns(temperature: Array, humidity: Array, before: int, behind: int, degf: 
         for side in ((before, BESIDE_ROWS - before), (behind, BESIDE_ROWS))
     ]
     (t, after_t, h, after_h), moved = (one[0] for one in ends), np.max([one[1] for one in ends], axis=0)
-    straight, crossed, apart = _gone_on(t, after_t, h, after_h)
-    turns = (np.maximum(crossed, moved) < MOST_SHARE_OFF * straight) & (apart > LEAST_COLUMNS_APART)
-    if not degf:
-        return np.asarray(turns)
     # the temperature may be in either column, and is in one of them as long as nothing is exchanged
     of_before, of_behind = _units(t, h), _units(after_t, after_h)
     ways = {
@@ -218,7 +214,8 @@ def _turns(temperature: Array, humidity: Array, before: int, behind: int, degf: 
         for j in range(len(of_behind))
     }
     straight = np.min([one[0] for (i, j), one in ways.items() if not i or not j or i == j], axis=0)
-    for _, crossed, apart in ways.values():
+    turns = np.zeros(temperature.shape, dtype=bool)
+    for _, crossed, apart in ways.values() if degf else (ways[0, 0],):
         turns |= (np.maximum(crossed, moved) < MOST_SHARE_OFF * straight) & (apart > LEAST_COLUMNS_APART)
     return np.asarray(turns)
 
