@@ -144,6 +144,8 @@ def judge(
     if lagging is not None:
         found.stood[rows] = _stood(values, lone, resolution, _as_vapour(values, lagging[rows], resolution))
     elif felt is not None:
+        if share > MOST_SHARE:
+            lone = _unfelt(values, felt, rows, float(np.hypot(JUMP_IN_NOISE * noise, JUMP_IN_STEPS * resolution)))
         found.stood[rows] = _stood(values, lone, resolution, _as_felt(felt, rows, resolution))
     found.stuck[rows] = held = _stuck(values, resolution, noise, third)
     if share > MOST_SHARE and felt is None:
@@ -178,6 +180,11 @@ def _of_this_sensor(
         elsewhere, lone = _elsewhere(rows, reading[rows], least, swing, share, stuck)
         if lagging is not None and (elsewhere.any() or lone.size):
             also, alone = _elsewhere(rows, lagging[rows], least, swing, share, stuck)
+            # of two ends one that the readings jump at is enough: at the other they stood as what lags had to move
+            ends = np.flatnonzero(np.diff(also, prepend=False, append=False))
+            for first, behind in ends.reshape(-1, 2):
+                whole = first > 0 and behind < also.size
+                elsewhere[first:behind] |= whole and (first in lone or behind in lone)
             elsewhere, lone = elsewhere & also, np.intersect1d(lone, alone)
         rows, stuck = rows[~elsewhere], stuck[~elsewhere]
         # without them another stretch may be seen from end to end: the air jumped within it
@@ -363,6 +370,16 @@ def _stood(
     return stood
 
 
+def _unfelt(values: Array, felt: Felt, rows: NDArray[np.int64], least: float) -> NDArray[np.int64]:
+    """The first of the readings (m,) at some `rows` behind each lone jump of more than `least` that another sensor,
+    read beside them, did not feel: a sensor that hides no jump of the air did not see one."""
+    step, seen = np.diff(values), np.diff(felt.reading[rows])
+    size = np.abs(step)
+    beside = np.maximum(np.append(size[1:], 0.0), np.append(0.0, size[:-1]))
+    unfelt = np.abs(seen) + JUMP_IN_NOISE * felt.noise < FELT_SHARE * size
+    return np.flatnonzero(unfelt & (size > least) & (beside < BESIDE_SHARE * size)) + 1
+
+
 def _as_vapour(values: Array, lagging: Array, resolution: float) -> Callable[[slice, float], Mask]:
     """All rows, where what is `lagging` (n,) has had to move for readings (n,) to stand, by more than these did and
     their steps hide."""
@@ -380,7 +397,7 @@ def _as_felt(felt: Felt, rows: NDArray[np.int64], resolution: float) -> Callable
     def had_to_move(stand: slice, jump: float) -> Mask:
         seen = felt.reading[rows[stand]]
         known = np.flatnonzero(np.isfinite(seen))
-        if known.size < 2 * WINDOW_ROWS:
+        if not known.size:
             return np.zeros(seen.shape, dtype=bool)
         calm = np.interp(np.arange(seen.size), known, median_filter(seen[known], WINDOW_ROWS, mode="nearest"))
         gone = np.abs(calm - calm[0])

@@ -277,6 +277,37 @@ def test_two_absurd_readings_close_together_are_no_burst_of_noise():
     assert np.flatnonzero(found.implausible).tolist() == [69, 73] and np.max(found.louder[60:69]) == 1.0
 
 
+def test_a_fast_sensor_that_is_stuck_is_told_by_what_another_felt_meanwhile():
+    """At 1 Hz a bead hides no jump of the air, and the film would have felt one. Before: fifteen rows were believed."""
+    rng, row = np.random.default_rng(3), np.arange(240)
+    air = 22.5 - 5.2 * np.clip((row - 105.0) / 10.0, 0.0, 1.0)
+    reading = np.round(air + 0.02 * rng.standard_normal(240), 2)
+    reading[107:122] = 21.91 + 0.01 * rng.integers(-1, 2, 15)
+    felt = Felt(air + 0.03 * rng.standard_normal(240), 0.03, 0.0)
+    found = screen(row.astype(float), reading, RANGES["temperature_c"], 0.02, share=0.98, swing=15.0, felt=felt)
+    assert not found.usable[110:122].any() and found.usable[:105].mean() > 0.9 and found.usable[122:].mean() > 0.9
+    # a door that both felt is one, and what stood before it was the air
+    door = np.where(row < 122, 21.91, 17.3)
+    reading = np.round(door + 0.02 * rng.standard_normal(240), 2)
+    felt = Felt(door + 0.03 * rng.standard_normal(240), 0.03, 0.0)
+    found = screen(row.astype(float), reading, RANGES["temperature_c"], 0.02, share=0.98, swing=15.0, felt=felt)
+    assert found.usable.mean() > 0.9 and found.usable[107:122].mean() > 0.8
+
+
+def test_a_code_that_the_air_came_up_to_is_one_though_nothing_jumps_back():
+    """It stands at a ceiling, through a door to just there: what lags jumps at both its ends. Before: 315 rows of it
+    were believed, and 100 %RH came out beside them."""
+    rng, row = np.random.default_rng(3), np.arange(2400)
+    air = np.where(row < 1010, 27.0, 12.0)
+    reading = np.round(np.where(row < 1010, 22.4, 56.4) + 0.06 * rng.standard_normal(2400))
+    reading[694:1010] = 57.0
+    lagging = reading * saturation_pressure_hpa(air) / saturation_pressure_hpa(20.0)
+    found = screen(
+        0.1 * row, reading, RANGES["humidity_reading_percent"], 0.06, share=0.13, swing=50.0, lagging=lagging
+    )
+    assert np.flatnonzero(found.implausible).tolist() == list(range(694, 1010))
+
+
 def test_a_stretch_from_elsewhere_does_not_begin_where_a_stuck_sensor_goes_on():
     """It goes on by a jump up, and 20 s later another quantity stands in its column: the rows between are its own."""
     rng, row = np.random.default_rng(3), np.arange(480)
@@ -550,7 +581,7 @@ def test_damaged_flights_give_nothing_that_cannot_be():
     first = (3, 64, 108, 129, 280, 20182, 101094, 101182, 101402, 101225)
     more = (151154, 151379, 151040, 153216, 153323, 152458, 152482, 154433, 154205)
     for seed in (*first, *more, 158047, 158059, 159023, 159219, 159266, 160054, 160224, 170223, 170072, 170019,
-                 190035, 190105, 190222, 159111, 192374):  # fmt: skip
+                 190035, 190105, 190222, 159111, 191039, 191321, 191514, 192374):  # fmt: skip
         found = fuzz.judged(seed, list(fuzz.DAMAGE))
         for channel in fuzz.CHANNELS:
             assert found[channel]["outside"] == 0 and found[channel]["no_reading"] == 0, found
