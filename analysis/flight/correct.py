@@ -139,6 +139,7 @@ def correct(
     film, known, said = _humidity(part, profile, stream, around, bead, solve, cutoff_hz, humidity_noise_percent)
     notes.extend(said)
     bead, film = seen_by_film(part, bead, film, notes)
+    bead, film = (one.as_it_changed(part.time_s, bead.screened, notes) for one in (bead, film))
     bead, film, widened = compared(part, bead, film, notes, known)
     slow_against_fast(part, bead, notes)
     slower = {} if known is None else {film.name: known.slower}

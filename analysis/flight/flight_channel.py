@@ -143,6 +143,27 @@ class FlightChannel:
         more = np.where(self.raw, 0.0, by)
         return replace(self, uncertainty=np.hypot(self.uncertainty, more), common=np.hypot(self.common, more))
 
+    def as_it_changed(self, time_s: Array, around: Screened, notes: list[str]) -> FlightChannel:
+        """The same, as unsure as the sensor itself has changed in jumps: nothing tells on which side it was right. A
+        film jumps with the air's temperature, so that has to be known (`around`) where it does."""
+        steps = np.broadcast_to(self.screened.own_steps, self.value.shape)
+        steps = np.where(around.usable & np.roll(around.usable, 1), steps, 0.0)
+        if not steps.any():
+            return self
+        first, level = int(np.argmax(steps != 0.0)), np.abs(np.nan_to_num(self.value))
+        # it is the same everywhere, or of humidity as the humidity, what gain makes of it
+        of_gain = steps / np.maximum(np.roll(level, 1), np.abs(steps)) if self.name == "humidity" else 0.0 * steps
+        same, gain = (np.cumsum(one) for one in (steps, of_gain))
+        off = np.max(
+            [np.abs(one - end) * by for one, by in ((same, 1.0), (gain, level)) for end in (0.0, one[-1])], axis=0
+        )
+        notes.append(
+            f"{self.name}: at {time_s[first]:.10g} s the reading jumps by {steps[first]:.2g}, which no air makes it do "
+            "behind its lag: the sensor changed (its supply, a converter's range); nothing tells on which side it was "
+            "right, and uncertainties are widened by that"
+        )
+        return self.doubted(off / np.sqrt(2.0))
+
     def in_free_air(self, time_s: Array) -> FlightChannel:
         """The same without what the carrier adds. Where that begins and ends, half of it is unsure for as long as the
         sensor lags."""

@@ -282,7 +282,8 @@ LATEST_S = 1e13  # since 1970 it is 2e9 s; beyond this a double's steps are no l
 class Screened:
     """Masks (n,): readings to use, missing ones, repeats, absurd ones; `resolution` of the log in the channel's unit;
     `louder` (n,): noise of each reading over what is stated, more than 1 in a burst; `capped`: readings at the ceiling
-    where the sensor stops, which say no more than that it was there or above."""
+    where the sensor stops, which say no more than that it was there or above; `own_steps` (n,): jumps of the
+    sensor itself, at the first row behind each."""
 
     usable: Mask
     missing: Mask
@@ -291,6 +292,7 @@ class Screened:
     resolution: float
     louder: Array | float = 1.0
     capped: Mask | None = None
+    own_steps: Array | float = 0.0
 
     @property
     def read(self) -> Mask:
@@ -486,7 +488,10 @@ def screen(
     if limit is not None:
         capped = believed & (reading >= limit - 0.5 * resolution)
         usable &= ~capped
-    return Screened(usable, missing, repeated, implausible, resolution, stretches.louder, capped)
+    # over a step of the clock the air went anywhere
+    ahead = np.diff(time_s, prepend=time_s[:1])
+    changed = np.where(ahead < LONGEST_GAP_S, stretches.own_steps, 0.0)
+    return Screened(usable, missing, repeated, implausible, resolution, stretches.louder, capped, changed)
 
 
 def _lone(values: Array, again: Mask, of_air: Mask, noise: float, resolution: float) -> Mask:

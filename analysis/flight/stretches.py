@@ -74,12 +74,14 @@ def felt_jumps(felt: Felt, time_s: Array) -> Array:
 @dataclass(frozen=True)
 class Stretches:
     """Rows (n,) `from_elsewhere` (between two jumps), `stuck` for longer than noise explains, and that `stood` as no
-    air lets them up to a jump that no lag lets through; `louder` (n,): noise over what is stated."""
+    air lets them up to a jump that no lag lets through; `louder` (n,): noise over what is stated; `own_steps` (n,): the
+    sizes of such jumps that nothing explains, at the first row behind each."""
 
     from_elsewhere: Mask
     stuck: Mask
     louder: Array
     stood: Mask
+    own_steps: Array
 
 
 def fastest(response: LagResponse) -> LagResponse:
@@ -126,7 +128,7 @@ def judge(
         By what lies beside a sensor so fast that its own readings cannot tell noise from air.
     """
     nothing = np.zeros(reading.shape, dtype=bool)
-    found = Stretches(nothing, nothing.copy(), np.ones(reading.shape), nothing.copy())
+    found = Stretches(nothing, nothing.copy(), np.ones(reading.shape), nothing.copy(), np.zeros(reading.shape))
     rows = np.flatnonzero(believed)
     if rows.size < 2 * WINDOW_ROWS:
         return found
@@ -162,6 +164,11 @@ def judge(
         also[np.interp(every, rows, rest) < LEFT_SHARE * also] = 0.0
         found.louder[every] = np.maximum(found.louder[every], also / noise)
     np.maximum(found.louder, 1.0, out=found.louder)
+    if share <= MOST_SHARE:
+        # of a sensor in a burst, or one that was stuck, a jump is no change
+        odd = maximum_filter1d((found.louder[rows] > 1.0) | held | found.stood[rows], 3)
+        changed = lone[~odd[lone] & (np.diff(rows, prepend=-1)[lone] == 1)]
+        found.own_steps[rows[changed]] = values[changed] - values[changed - 1]
     return found
 
 

@@ -602,6 +602,21 @@ def test_a_film_back_within_its_table_remembers_where_it_stood_beyond_it():
     assert fuzz.judged(190359, list(fuzz.DAMAGE))["humidity_percent"]["outside"] == 0
 
 
+def test_a_jump_that_neither_air_nor_lag_makes_leaves_open_on_which_side_the_sensor_was_right():
+    """A supply that sags: humidity is 5 % less from one row to the next. Before: stated as surely as ever."""
+    flown = fly(frontal(airspeed_m_s=45.0, lead_m=900.0), PROFILE, 4)
+    log, truth = to_flight(flown.log), flown.truth["humidity_percent"].to_numpy()
+    row = np.arange(log.time_s.size)
+    sagging = dataclasses.replace(log, humidity_percent=np.where(row < 100, 1.0, 0.95) * log.humidity_percent)
+    done = correct(sagging, PROFILE)
+    assert [note[:8] for note in done.notes if "the sensor changed" in note] == ["humidity"]
+    assert np.mean(np.abs(done.humidity_percent - truth) <= 1.96 * done.humidity_uncertainty_percent) > 0.9
+    # a gap in the temperature may hide a door, which the film's reading follows at once
+    hidden = dataclasses.replace(sagging, temperature_c=np.where(np.abs(row - 100) < 10, np.nan, log.temperature_c))
+    for one in (log, hidden):
+        assert not any("the sensor changed" in note for note in correct(one, PROFILE).notes)
+
+
 def test_the_first_and_last_steps_of_a_burst_are_its_own():
     """A window's median may see neither; behind a lag no air makes them. Before: two rows of calm noise beside it."""
     rng = np.random.default_rng(3)
