@@ -138,6 +138,15 @@ def excess(difference: Difference) -> tuple[float, float]:
     return likely * (seen - allowed), likely
 
 
+def of_either(beyond: float) -> float:
+    """Mean square expected of either way's own error, of two that differ by `beyond`.
+
+    Half of the difference is each one's, with what both have in common: that is not seen, and may be of any size. By
+    so few degrees of freedom its variance is expected to be as many times what the difference has.
+    """
+    return 0.25 * beyond * (1.0 + LARGE_SCALES / (LARGE_SCALES - 2.0))
+
+
 @dataclass(frozen=True)
 class LikelyCause:
     """What may be wrong: how far it moves a corrected value (n,), the sentence, and whether it comes in any size (and
@@ -445,13 +454,13 @@ def _owned(flight: Flight, bead: FlightChannel, channel: FlightChannel, notes: l
     seen = Difference(difference, plus[2][0])
     beyond, likely = excess(seen)
     squares = plus[2][1:]
-    share = shared(seen, beyond, squares)
+    share, own = shared(seen, beyond, squares), of_either(beyond)
     wide = np.sqrt(
-        sum(w * beyond * shape**2 / square.mean() for w, shape, square in zip(share, shapes, squares, strict=True))
+        sum(w * own * shape**2 / (0.5 * square.mean()) for w, shape, square in zip(share, shapes, squares, strict=True))
     )
     if likely < LIKELIER_THAN_NOT:
         return channel.doubted(wide)
-    unit, wider = UNITS[channel.name], float(np.sqrt(beyond / 2.0))
+    unit, wider = UNITS[channel.name], float(np.sqrt(own))
     cause = explained(difference, moved, found)
     notes.append(
         f"{channel.name}: {DISAGREE} by more than turbulence and the stated uncertainty explain: the sensor is not as "

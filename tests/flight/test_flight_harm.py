@@ -15,6 +15,7 @@ from shockrig.analysis.flight.comparisons import (
     compared,
     excess,
     explained,
+    of_either,
     up_and_down,
     ways_apart,
 )
@@ -300,6 +301,17 @@ def test_ways_that_disagree_by_more_than_is_stated_are_owned(steady):
     assert np.mean(np.abs(film.value - channel.value) < 1.96 * film.total_uncertainty) > 0.9
     read = up_and_down(flight, off).read
     assert notes[0].startswith("humidity: the correction makes ascent and descent disagree more") == (2 * steady > read)
+
+
+def test_what_both_ways_have_in_common_counts_though_their_difference_has_none_of_it():
+    """Errors of any size, three large scales of them: 1.96 of what is expected hold 96 %. Before: 89 %."""
+    rng = np.random.default_rng(3)
+    size = np.exp(rng.uniform(-6.0, 6.0, 400_000))[:, None]
+    up, down = (size * rng.standard_normal((size.size, 3)) for _ in range(2))
+    beyond = np.mean((down - up) ** 2, axis=1)
+    some = np.abs(np.log(beyond)) < 2.0
+    held = np.abs(up[some]) <= 1.96 * np.sqrt([[of_either(one)] for one in beyond[some]])
+    assert 0.93 < held.mean() < 0.97
 
 
 def test_an_absurd_temperature_does_not_warm_the_ways():
