@@ -39,9 +39,9 @@ from shockrig.analysis.diagnose.verdict import Standing, verdict
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.fit import Fit
+from shockrig.analysis.estimate.fit import Fit, rmse_over_samples
 from shockrig.analysis.estimate.gather import build_channel, usable_runs, why_none
-from shockrig.analysis.estimate.predictive import as_stated, bumps
+from shockrig.analysis.estimate.predictive import BUMP_COUNT, as_stated, bumps
 from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, looked_for
 from shockrig.analysis.estimate.seen import FEW_RUNS
@@ -292,20 +292,25 @@ def _predicting(
     shown: tuple[Discovered, ...],
 ) -> Predicting:
     """The model that predicts best: of the heaviest ones, the stated and the plain one, that whose weight over the
-    product of the mean squares of runs held out is largest; where none can be held out, the heaviest.
+    product of the mean squares of runs held out is largest.
 
-    A name has to be sure, a prediction only good. Each run counts as two independent errors of unknown size: that is
-    their likelihood, and the weight their prior.
+    A name has to be sure, a prediction only good: models whose effects say nothing may predict as well. Each run counts
+    as two independent errors of unknown size: that is their likelihood, and the weight their prior. Where no run can be
+    held out, it is the model that leaves least of those that it was fitted to, as `_criterion` counts it.
     """
     problem = ready.problem
-    heavy = (one for one in found.pool[:MOST_PREDICTING] if found.weight(one) >= LEAST_WEIGHT)
-    among = {id(one): one for one in (*heavy, found.best, found.plain)}
-    log_squares = {
-        key: np.log(np.maximum(held_out_squares(parts, one), LEAST_SQUARE)) for key, one in among.items() if parts
-    }
-    losses = {key: own.sum() - np.log(max(found.weight(among[key]), LEAST_SQUARE)) for key, own in log_squares.items()}
-    told = {key: loss for key, loss in losses.items() if np.isfinite(loss)}
-    model = among[min(told, key=told.__getitem__)] if told else found.pool[0]
+    weight = {id(one): w for one, w in found.predictors}
+    log_squares: dict[int, Array] = {}
+    if parts:
+        heavy = (one for one, w in found.predictors[:MOST_PREDICTING] if w >= LEAST_WEIGHT)
+        among = {id(one): one for one in (*heavy, found.best, found.plain)}
+        log_squares = {k: np.log(np.maximum(held_out_squares(parts, m), LEAST_SQUARE)) for k, m in among.items()}
+        losses = {k: own.sum() - np.log(max(weight.get(k, 0.0), LEAST_SQUARE)) for k, own in log_squares.items()}
+    else:
+        among = {id(one): one for one, _ in found.predictors}
+        losses = {k: _criterion(problem.channel, one.fit) for k, one in among.items()}
+    told = {k: loss for k, loss in losses.items() if np.isfinite(loss)}
+    model = among[min(told, key=told.__getitem__)] if told else found.best
     if model is found.best:
         return stands
     fit, stated_so = _final(problem, model, than_runs=True), replace(found, best=model)
@@ -314,8 +319,16 @@ def _predicting(
         fit,
         _causes(ready, stated_so, fit),
         (*stated(problem, stated_so, fit), *shown),
-        (_middle(log_squares[id(found.best)]), _middle(log_squares[id(model)])) if told else None,
+        (_middle(log_squares[id(found.best)]), _middle(log_squares[id(model)])) if parts else None,
     )
+
+
+def _criterion(channel: Channel, found: Fit) -> float:
+    """Schwarz's criterion of a fit, halved [nats]: each run counts as as many independent errors of unknown size as a
+    discrepancy has bumps, since what a model is wrong by is no noise: it is there again in the next run."""
+    errors = BUMP_COUNT * channel.runs
+    square = max(rmse_over_samples(channel, found) ** 2, LEAST_SQUARE)
+    return 0.5 * (errors * np.log(square) + found.theta.size * np.log(errors))
 
 
 def _middle(log_squares: Array) -> float:

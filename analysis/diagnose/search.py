@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 
@@ -131,6 +131,9 @@ class Search:
     weights : ndarray (M,)
     fits : int
         How many fits it took.
+    predictors : tuple of (Rated, float)
+        Models with their weights where those count as well whose effects say nothing where they ended: no name follows
+        from such a model, a prediction may. The heaviest first.
     """
 
     plain: Rated
@@ -138,6 +141,7 @@ class Search:
     pool: tuple[Rated, ...]
     weights: Array
     fits: int
+    predictors: tuple[tuple[Rated, float], ...] = ()
 
     @property
     def ended_early(self) -> bool:
@@ -203,6 +207,7 @@ class Race:
         self.bump = bumps(problem)
         self.priors = {one.effect.id: one.log_prior for one in self.among}
         self.pool: dict[frozenset[str], Rated] = {}
+        self.unsound: dict[frozenset[str], Rated] = {}  # models whose effects say nothing: they may predict
         self.done: dict[tuple[frozenset[str], frozenset[str]], Rated | None] = {}
         self.places: dict[int, BesideModel] = {}  # by the identity of the fit, which they keep alive
         self.fits = 0
@@ -219,10 +224,14 @@ class Race:
 
     def keep(self, one: Rated) -> Rated:
         """The best fit so far of a model, which goes into the pool."""
-        known = self.pool.get(one.ids)
-        if known is None or one.fit.deviance < known.fit.deviance:
-            self.pool[one.ids] = one
-        return self.pool[one.ids]
+        return _kept(self.pool, one)
+
+    def is_sound(self, one: Rated) -> bool:
+        """Whether a model's effects say something where it ended; one whose do not is kept for predictions."""
+        if sound(one.fit, one.ids - self.fixed):
+            return True
+        _kept(self.unsound, one)
+        return False
 
     def beside(self, near: Rated) -> BesideModel:
         """What is known so far of candidates beside a model."""
@@ -424,7 +433,7 @@ class Race:
     def _sound_part(self, near: Rated, one: Rated) -> Rated | None:
         """A model as it is kept, if it is sound; where what it gains leaves nothing to an effect that was there before,
         without that one."""
-        if sound(one.fit, one.ids - self.fixed):
+        if self.is_sound(one):
             return self.keep(one)
         idle = [id_ for id_ in sorted(near.ids - self.fixed) if not sound(one.fit, {id_})]
         if one.value <= near.value or len(idle) != 1:
@@ -504,7 +513,7 @@ class Race:
                 else:
                     theta = _carried(current.fit, structure, effect, other)
                     trial = self.fitted(structure, theta, current.fit.deviations)
-                    if not sound(trial.fit, trial.ids - self.fixed):
+                    if not self.is_sound(trial):
                         continue
                     trial = self.keep(trial)
                 best = max(best, trial, key=_value)
@@ -599,6 +608,14 @@ def _value(one: Rated) -> float:
     return one.value
 
 
+def _kept(models: dict[frozenset[str], Rated], one: Rated) -> Rated:
+    """The best fit so far of a model among some."""
+    known = models.get(one.ids)
+    if known is None or one.fit.deviance < known.fit.deviance:
+        models[one.ids] = one
+    return models[one.ids]
+
+
 def _resumed(race: Race, plain: Rated, earlier: Earlier) -> Rated:
     """The plain model with the effects that an earlier search ended with, as far as they gain."""
     structure, choice = plain.fit.structure, dict[str, float]()
@@ -621,14 +638,20 @@ def _resumed(race: Race, plain: Rated, earlier: Earlier) -> Rated:
     return max(plain, race.pruned(race.keep(race.finished(begun))), key=_value)
 
 
-def _weighed(race: Race, plain: Rated) -> Search:
-    """The pool weighed by its models' predictive densities."""
-    among = [one for one in race.pool.values() if one.ids == plain.ids or sound(one.fit, one.ids - race.fixed)]
+def _heaviest_first(among: Iterable[Rated]) -> tuple[tuple[Rated, ...], Array]:
+    """The best of some models with their weights by their predictive densities."""
     best = sorted(among, key=lambda r: -r.value)[:MOST_MODELS]
     weight = weights([one.score.runs for one in best], [one.log_prior for one in best])
     order = sorted(range(len(best)), key=lambda i: (-weight[i], -best[i].value))
-    pool = tuple(best[i] for i in order)
-    found = Search(plain, pool[0], pool, weight[order], race.fits)
+    return tuple(best[i] for i in order), weight[order]
+
+
+def _weighed(race: Race, plain: Rated) -> Search:
+    """The pool weighed by its models' predictive densities."""
+    among = [one for one in race.pool.values() if one.ids == plain.ids or race.is_sound(one)]
+    pool, weight = _heaviest_first(among)
+    predictors = zip(*_heaviest_first([*among, *race.unsound.values()]), strict=True)
+    found = Search(plain, pool[0], pool, weight, race.fits, tuple((one, float(w)) for one, w in predictors))
     # As many effects are stated as are there with that probability, whichever they are: look-alikes that share the
     # weight of one are one effect, tied; weight that is shared for a second one is no evidence for any. Among models
     # with so many, the same holds for what they depend on.

@@ -412,18 +412,22 @@ def predicting_sentence(found: ChannelDiagnosis) -> str:
     if other is best:
         return ""
 
+    weighed = any(one is other for one in found.search.pool)
+
     def words(ids: frozenset[str]) -> str:
-        return listed([f"{label(e)} ({100 * found.search.probability(e):.0f} %)" for e in sorted(ids)])
+        shares = {e: f" ({100 * found.search.probability(e):.0f} %)" if weighed else "" for e in ids}
+        return listed([label(e) + shares[e] for e in sorted(ids)])
 
     more, less = other.ids - best.ids, best.ids - other.ids
     how = ", ".join([*([f"with {words(more)}"] if more else []), *([f"without {words(less)}"] if less else [])])
     if found.predicting.errors is None:
-        why = "It is the likeliest, and there is no run to try it on."
+        why = "It leaves least of the readings for what it takes, and there is no run to try it on."
     else:
         stated, own = (plain(error, 2) for error in found.predicting.errors)
         likelier = "" if found.predicting.errors[1] < found.predicting.errors[0] else "It is likelier. "
         why = f"{likelier}In the middle of the runs it misses unseen ones by {own}, not {stated} {UNIT[found.name]}."
-    return f"The profile carries a model that is not sure enough to be stated, {how}. {why}"
+    kind = "is not sure enough to be stated" if weighed else "names no cause, its values being open"
+    return f"The profile carries a model that {kind}, {how}. {why}"
 
 
 def headline(diagnosis: Diagnosis) -> str:
