@@ -11,6 +11,10 @@ import pytest
 from shockrig.analysis.characterize.characterize import characterize
 from shockrig.analysis.diagnose.diagnose import diagnose
 from shockrig.analysis.diagnose.extended import extended_result
+from shockrig.analysis.diagnose.gain import plainly, run_errors
+from shockrig.analysis.diagnose.prepare import prepare
+from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.report.diagnosis_words import predicting_sentence
 from shockrig.files.campaign import read_campaign
 from shockrig.files.numbers import measured
 from shockrig.protocols.cli import main
@@ -125,6 +129,19 @@ def test_what_runs_that_differ_name_is_as_unsure_as_they_are_apart(tmp_path):
 
 def test_a_run_that_ends_on_its_way_tells_no_shape(tmp_path):
     assert not recorded(tmp_path, 120.0, "sphere").causes
+
+
+def test_a_run_that_ends_on_its_way_predicts_another_by_its_shape_though_it_names_none(tmp_path):
+    """Of whose response it is, one run says nothing; how it goes is there again in the next."""
+    found = recorded(tmp_path / "one", 300.0)
+    assert not found.causes and found.predicting.model.ids == {"parallel_lag"}
+    other = build_channel(read_campaign(written(tmp_path / "other", 700.0)), "temperature")
+    bins = prepare(other).problem
+    (plain,), (own,) = run_errors(other, bins, plainly(found.plain)), run_errors(other, bins, found.predicting.fit)
+    assert own < 0.25 * plain
+    assert "names no cause, its values being open, with parallel lag" in predicting_sentence(found)
+    (effect,) = extended_result(found).effects
+    assert effect.effect == "parallel_lag"
 
 
 def test_where_no_cause_is_named_the_bench_is_not_said_to_be_as_it_should(tmp_path):
