@@ -402,7 +402,7 @@ def _material(views: Sequence[ChannelView]) -> list[Block]:
             times = ["–" if r is None else time_text(r.response, 0) for r in (b, a)]
             values = ["–" if r is None else rate_text(view.found.problem.channel, r) for r in (b, a)]
             rows.append([label, *values, change, *times])
-        if not view.found.causes and not view.found.discovered:
+        if not (view.found.predicting.causes or view.found.predicting.discovered):
             blocks.append(Text(f"The {sensor_of(view.found)} carries no effect: both columns are the plain model's."))
         elif view.found.verdict == "unexplained":
             words = f"The {sensor_of(view.found)} is not explained: its values stay effective ones."

@@ -152,3 +152,5 @@ def test_where_no_cause_is_named_the_bench_is_not_said_to_be_as_it_should(tmp_pa
     assert found["verdict"] == "unexplained" and found["causes"] == []
     page = (out / "report.html").read_text()
     assert "No cause is named that would say what to do" in page and "do what the plain model says" not in page
+    assert "carries no effect" not in page, "the profile has a share that follows"
+    assert "is not explained: its values stay effective ones" in page
