@@ -36,25 +36,10 @@ def _late_die_at_a_door(world: World, bead: Array, humidity: Array, rate: Array,
     return bead, humidity * saturation_hpa(world.temperature_c) / saturation_hpa(die)
 
 
-def _warm_logger(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
-    """The hygrometer warms by a kelvin or two within minutes of being switched on, and reads low by that."""
-    time = np.arange(bead.size) * FINE_S
-    over = rng.uniform(0.5, 2.0) * -np.expm1(-time / rng.uniform(60, 150))
-    return bead, humidity * saturation_hpa(world.temperature_c) / saturation_hpa(world.temperature_c + over)
-
-
 def _dust_cap(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
     """A cap of sintered metal over the film that the profile does not have."""
     scale = saturation_hpa(world.temperature_c)
     return bead, lagged(humidity * scale, rng.uniform(5, 12)) / scale
-
-
-def _supply(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
-    """The supply sags when the motors draw: humidity has a step in its gain, and back."""
-    time = np.arange(bead.size) * FINE_S
-    start = rng.uniform(50, 100)
-    low = (time > start) & (time < start + rng.uniform(30, 90))
-    return bead, humidity * np.where(low, 1.0 - rng.uniform(0.01, 0.03), 1.0)
 
 
 def thermals(rng: Rng) -> World:
@@ -142,6 +127,27 @@ def _late_altitude(log: dict[str, Array], rng: Rng) -> None:
     log["altitude_m"] = np.interp(log["time_s"] - rng.uniform(1.0, 4.0), log["time_s"], log["altitude_m"])
 
 
+def _own_wash(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """It sinks through the warm air of its own rotors, which both sensors are in."""
+    sinks = np.gradient(world.altitude_m) < 0.0
+    over = lagged(np.where(sinks, rng.uniform(0.3, 0.8), 0.0), 3.0)
+    return bead + over, humidity * saturation_hpa(world.temperature_c) / saturation_hpa(world.temperature_c + over)
+
+
+def _regained(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """The film loses what had settled on it within a minute or so: it reads low at first, and right at last."""
+    time = np.arange(bead.size) * FINE_S
+    at = rng.uniform(60, 150)
+    return bead, humidity * (1.0 - rng.uniform(0.02, 0.06) / (1.0 + np.exp((time - at) / rng.uniform(5, 15))))
+
+
+def risen(rng: Rng) -> World:
+    """The air itself changes: what is passed on the way down lies 10 to 25 m higher than on the way up."""
+    world = profile(rng, 40.0, 0.04, 0.2, True)
+    down = np.gradient(world.altitude_m) < 0.0
+    return changed(world, altitude_m=world.altitude_m + np.where(down, -rng.uniform(10, 25), 0.0))
+
+
 def doors(rng: Rng) -> World:
     """In and out of a warm hall, four times, vapour with it."""
     time = clock()
@@ -157,9 +163,7 @@ FRESH: dict[str, Callable[[Rng], World]] = {
     "door, late die": lambda r: with_sensors(
         air(r, 24.0 - 12.0 * (clock() > 100.0), 50.0, at_c=12.0, k=0.02, percent=0.1), _late_die_at_a_door
     ),
-    "hygrometer warms up": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _warm_logger),
     "dust cap": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _dust_cap),
-    "supply sags": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _supply),
     "thermals": thermals,
     "sea breeze": sea_breeze,
     "cold pool, twice": snow_hole,
@@ -171,5 +175,8 @@ FRESH: dict[str, Callable[[Rng], World]] = {
     "heated film": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _heated_film),
     "radio that fails": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2), _radio),
     "doors, radio fails": lambda r: with_rows(doors(r), _radio),
+    "its own wash": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _own_wash),
+    "film regains itself": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _regained),
+    "inversion risen": risen,
     "late altitude": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2, True), _late_altitude),
 }

@@ -247,6 +247,21 @@ def _no_fan(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -
     return np.where(failed, lagged(bead, 3.0), bead) + warm, humidity
 
 
+def _warm_logger(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """The hygrometer warms by a kelvin or two within minutes of being switched on, and reads low by that."""
+    time = np.arange(bead.size) * FINE_S
+    over = rng.uniform(0.5, 2.0) * -np.expm1(-time / rng.uniform(60, 150))
+    return bead, humidity * saturation_hpa(world.temperature_c) / saturation_hpa(world.temperature_c + over)
+
+
+def _supply(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """The supply sags when the motors draw: humidity has a step in its gain, and back."""
+    time = np.arange(bead.size) * FINE_S
+    start = rng.uniform(50, 100)
+    low = (time > start) & (time < start + rng.uniform(30, 90))
+    return bead, humidity * np.where(low, 1.0 - rng.uniform(0.01, 0.03), 1.0)
+
+
 def long_layers(rng: Rng) -> World:
     """Twenty minutes through layers, for a film slower than a window."""
     time = clock(1200.0)
@@ -319,6 +334,9 @@ KINDS: dict[str, Callable[[Rng], World]] = {
     "sun bursts": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _sun),
     "icing": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _ice),
     "fan failure": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _no_fan),
+    "fan failure, both ways": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _no_fan),
+    "hygrometer warms up": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _warm_logger),
+    "supply sags": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _supply),
     "second lag": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _second_lag),
     "film in RH": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _by_humidity),
     "late die": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _late_die),
