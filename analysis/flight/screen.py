@@ -19,7 +19,7 @@ from scipy.ndimage import maximum_filter1d, median_filter
 from scipy.special import bdtrc
 
 from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
-from shockrig.analysis.flight.stretches import FELT_SHARE, Felt, judge, scatter, within
+from shockrig.analysis.flight.stretches import BY_CHANCE, FELT_SHARE, Felt, judge, scatter, within
 from shockrig.analysis.flight.sweep import COARSE_IN_NOISE
 from shockrig.files.flight import Flight
 from shockrig.files.numbers import counted
@@ -97,13 +97,19 @@ def _exchanged(temperature: Array, humidity: Array) -> Mask:
     # of what may be a reading of either
     can_be = RANGES["humidity_reading_percent"]
     both = np.stack([temperature, humidity])
-    rows = np.flatnonzero(((both >= can_be.low) & (both <= can_be.high)).all(axis=0))
+    read = (both >= can_be.low) & (both <= can_be.high)
+    rows = np.flatnonzero(read.all(axis=0))
     if rows.size < 2 * BESIDE_ROWS + 1:
         return exchanged
     middle = _ends(temperature[rows], humidity[rows])
-    # where one end is not seen, it may be where a stretch in degF begins or ends as well
+    # where one end is not seen, it may be where a stretch in degF begins or ends as well, or behind a code that stands
     if middle.size % 2 and (also := _ends(temperature[rows], humidity[rows], degf=True)).size == middle.size + 1:
         middle = also
+    if middle.size % 2:
+        moving = read & ~np.array([_stands(values) for values in both])
+        fewer = np.flatnonzero(moving.all(axis=0))
+        if (also := _ends(temperature[fewer], humidity[fewer])).size == middle.size + 1:
+            middle, rows, read = also, fewer, moving
     odd = np.searchsorted(middle, np.arange(rows.size), side="right") % 2 == 1
     if middle.size == 1:
         odd = _from_one_end(temperature[rows], humidity[rows], int(middle[0]))
@@ -113,10 +119,24 @@ def _exchanged(temperature: Array, humidity: Array) -> Mask:
         # rows beside them in which one column is missing are of the kind that the other is like
         every = np.arange(temperature.size)
         wider = np.interp(every, rows, odd.astype(float))
-        t, h = (np.interp(every, rows[~odd], v[rows[~odd]]) for v in (temperature, humidity))
-        crossed = (np.abs(temperature - h) < np.abs(temperature - t)) | (np.abs(humidity - t) < np.abs(humidity - h))
+        t, h = (np.interp(every, rows[~odd], v[rows[~odd]]) for v in both)
+        of_bead, of_film = np.where(read, both, np.nan)
+        crossed = (np.abs(of_bead - h) < np.abs(of_bead - t)) | (np.abs(of_film - t) < np.abs(of_film - h))
         exchanged = (wider == 1.0) | ((wider > 0.0) & crossed)
     return exchanged
+
+
+def _stands(values: Array) -> Mask:
+    """Rows (n,) where a column holds one value for longer than chance has it do as it mostly goes: a code, or a sensor
+    that is stuck, says nothing of what the column holds."""
+    same = np.diff(values, prepend=np.nan) == 0.0
+    ends = np.flatnonzero(np.diff(same, prepend=False, append=False)).reshape(-1, 2)
+    lasting = np.diff(ends, axis=1)[:, 0]
+    share = np.count_nonzero(same) / max(same.size, 1)
+    stands = np.zeros(values.shape, dtype=bool)
+    for first, behind in ends[lasting * np.log(max(share, 1e-9)) < np.log(BY_CHANCE)]:
+        stands[first - 1 : behind] = True
+    return stands
 
 
 def _ends(temperature: Array, humidity: Array, degf: bool = False) -> NDArray[np.int64]:
@@ -466,6 +486,13 @@ def screen(
     stretches = judge(reading, believed, resolution, noise, share, swing, lagging, spikes, felt)
     implausible |= stretches.from_elsewhere
     believed &= ~implausible
+    if implausible.any() and resolution_of(reading[believed]) > (1.0 + OFF_GRID) * resolution:
+        # the log's steps are those of its readings, and a code is on none of them
+        rest = screen(
+            time_s, np.where(believed, reading, np.nan), possible, noise, limit=limit, stale=stale, share=share,
+            swing=swing, lagging=lagging, felt=felt,
+        )  # fmt: skip
+        return replace(rest, missing=missing, implausible=implausible | rest.implausible)
     repeated = np.zeros(reading.shape, dtype=bool)
     rows = np.flatnonzero(believed)
     same_time = np.diff(time_s[rows], prepend=-np.inf) <= 0

@@ -311,7 +311,7 @@ def _elsewhere(
     # where the largest step of those across is
     first = far + 1 + np.argmax(sliding_window_view(size, 3)[far], axis=1) if far.size else far
     certain = np.ones(far.shape, dtype=bool)
-    away |= _between(first, before[far], after[far], certain, values, np.inf, ~certain)[0]
+    away |= _between(first, before[far], after[far], certain, values, FARTHEST_SWINGS * swing, ~certain)[0]
     # one from which none goes back may have one when those within its stretch are out
     if not away.any():
         for k in sudden[alone & (size[sudden - 1] > swing)].tolist():

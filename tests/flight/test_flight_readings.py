@@ -420,6 +420,40 @@ def test_columns_that_change_back_in_a_stretch_in_fahrenheit_are_told_to_its_end
     assert np.array_equal(without_codes(log)[1][EXCHANGED], there)
 
 
+def test_columns_that_change_place_while_a_code_stands_in_one_are_told_by_what_is_behind_it():
+    """Before: the 280 rows ahead of them were taken for the exchanged ones, with the code in them."""
+    row, rng = np.arange(1200), np.random.default_rng(7)
+    temperature = np.round(21.0 + 0.02 * rng.standard_normal(row.size), 2)
+    humidity = 45.0 + 0.06 * rng.standard_normal(row.size)
+    there = (row >= 281) & (row < 523)
+    log = crossed(0.2, temperature, humidity, there)
+    log.temperature_c[263:453] = 127.99
+    found = without_codes(log)[1][EXCHANGED]
+    assert np.array_equal(np.flatnonzero(found), np.flatnonzero(there))
+
+
+def test_a_code_has_no_part_in_the_steps_of_a_log():
+    """Before: steps of 0.5 K passed for 0.01 K, and calm air for a sensor that is stuck."""
+    reading = np.where(np.arange(2400) < 1008, 27.0, 15.0)
+    reading[1008:1015] = 25.0, 21.5, 19.0, 17.5, 16.5, 16.0, 15.5
+    reading[2217:2300] = 127.99
+    found = screen(0.1 * np.arange(2400), reading, RANGES["temperature_c"], 0.02, share=0.27, swing=15.0)
+    assert found.resolution == 0.5 and np.flatnonzero(found.implausible).tolist() == list(range(2217, 2300))
+    assert found.usable[~found.implausible].all()
+
+
+def test_a_stretch_in_another_unit_with_a_door_in_it_is_told_though_both_its_ends_lie_in_gaps():
+    """Before: the air was thought to be 75 degC warm, since the jumps do not lead back to where they began."""
+    row = np.arange(2400)
+    lagging = 6.2 + 17.7 * np.exp(-np.maximum(row - 1008, 0) / 3.2)
+    reading = np.round(lagging + 0.02 * np.random.default_rng(3).standard_normal(2400), 2)
+    strange = (row >= 925) & (row < 1744)
+    reading[strange] = np.round(1.8 * reading[strange] + 32.0, 2)
+    reading[922:926] = reading[1742:1746] = np.nan
+    found = screen(0.1 * row, reading, RANGES["temperature_c"], 0.02, share=0.27, swing=15.0)
+    assert np.array_equal(found.implausible, strange & np.isfinite(reading))
+
+
 def test_rows_in_fahrenheit_behind_a_gap_in_which_the_air_went_to_such_a_humidity_are_not_exchanged():
     """Before: 1,500 rows of both columns were taken for one another's, and came out 16 K and 15 %RH wrong."""
     row, rng = np.arange(2400), np.random.default_rng(6)
@@ -581,7 +615,7 @@ def test_damaged_flights_give_nothing_that_cannot_be():
     first = (3, 64, 108, 129, 280, 20182, 101094, 101182, 101402, 101225)
     more = (151154, 151379, 151040, 153216, 153323, 152458, 152482, 154433, 154205)
     for seed in (*first, *more, 158047, 158059, 159023, 159219, 159266, 160054, 160224, 170223, 170072, 170019,
-                 190035, 190105, 190222, 159111, 191039, 191321, 191514, 192374):  # fmt: skip
+                 190035, 190105, 190222, 159111, 191039, 191321, 191514, 192374, 195215, 195269, 195394):  # fmt: skip
         found = fuzz.judged(seed, list(fuzz.DAMAGE))
         for channel in fuzz.CHANNELS:
             assert found[channel]["outside"] == 0 and found[channel]["no_reading"] == 0, found
