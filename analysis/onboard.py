@@ -49,7 +49,7 @@ from shockrig.files.sentinels import LEAST_JUMP
 
 Array = NDArray[np.float64]
 MOST_STATE_BYTES = 2048
-REST_BYTES = 280  # of a state beside its filters: two guards, the clock, what is held, and padding
+REST_BYTES = 304  # of a state beside its filters: two guards, the clock, what is held, and padding
 FEWEST_MODES = 2
 TABLES, LUA_TABLES = "/*@TABLES@*/", "@TABLES@"
 C_FILES = ("shock_correct.h", "shock_correct.c", "csv_main.c", "Makefile")
@@ -114,6 +114,11 @@ class _Sensor:
     def states(self) -> int:
         """How many states each of its filters has."""
         return AIR_STATES + self.design.modes + 2 * self.passing
+
+    @property
+    def strengths(self) -> tuple[Array, Array]:
+        """What is weighed: vapour's turbulence has a usual strength, by the temperature's."""
+        return causal_bank.weighed(self.design.ladder if self.name == "BEAD" else None)
 
     def numbers(self) -> dict[str, float]:
         """By the names of the programs' fields, in their order."""
@@ -196,6 +201,7 @@ def _numbers(design: Design, number: Callable[[float], str]) -> dict[str, str]:
         "LASTING": causal_guard.LASTING_ROWS,
         "STRENGTHS": STRENGTH_COUNT,
         "WIDTH_STEPS": causal_bank.WIDTH_STEPS,
+        "WEIGHED": causal_bank.STRENGTHS_WEIGHED,
         "LONGEST_US": round(longest * 1e6),
         "LONGEST_MS": round(longest * 1e3),
         "FEWEST_ROWS": FEWEST_ROWS,
@@ -204,7 +210,7 @@ def _numbers(design: Design, number: Callable[[float], str]) -> dict[str, str]:
         "RATES": RATES_PER_S,
         "OU_VARIANCES": OU_VARIANCES,
         "TURBULENCE": causal_bank.TURBULENCE,
-        "BENDS": causal_bank.BENDS,
+        "BENDS": (*2 * (causal_bank.BEND_IN_TURBULENCE,), causal_bank.BEND_OVER_DOOR, 1.0),
         "DECIMAL_STEPS": causal_guard.DECIMAL_STEPS,
     }
     decimals = _of_filters(design) | _of_guards() | {"LONGEST_S": longest}
@@ -224,7 +230,6 @@ def _of_filters(design: Design) -> dict[str, float]:
     """Numbers of the filters and of what is around them."""
     return {
         "LEAST_AIRSPEED": AIRSPEEDS_M_S[0],
-        "UNSURE": causal_bank.UNSURE_OF_STRENGTH,
         "CONFIDENCE": causal_bank.CONFIDENCE,
         "ERF": causal_bank.ERF,
         "ERF_BEND": causal_bank.ERF_BEND,
@@ -236,8 +241,6 @@ def _of_filters(design: Design) -> dict[str, float]:
         "BEND_S": causal_bank.BEND_LASTS_S,
         "DOORS_S": causal_bank.BETWEEN_DOORS_S,
         "DOOR_S": causal_bank.DOOR_LASTS_S,
-        "LEARNING": causal_bank.LEARNING,
-        "MOST_LEARNT": causal_bank.MOST_LEARNT,
         "MOST_PARTS": MOST_PARTS,
         "UNSEEN": UNSEEN_VARIANCE,
         "VAPOUR": causal.VAPOUR_PER_K,
@@ -305,10 +308,14 @@ def _c_tables(design: Design) -> str:
         parts += _c_array(f"{name}_SLOW", channel.slow_uncertainty or (0.0,))
         parts += _c_array(f"{name}_CODES", codes)
         parts += _c_array(f"{name}_RESOLVED", np.log(channel.resolved_rate))
+        ln_strengths, before = one.strengths
+        parts += _c_array(f"{name}_STRENGTHS", np.exp(ln_strengths)) + _c_array(f"{name}_LN_STRENGTHS", ln_strengths)
+        parts += _c_array(f"{name}_BEFORE", before)
         counts = (channel.modes, channel.slow, int(one.passing), one.states, len(codes))
         parts.append(
             f"static const design {name} = {{{', '.join(map(str, counts))},\n  {tables[0]},\n  {tables[1]},\n"
             f"  {name}_SLOW, {name}_CODES, {name}_RESOLVED,\n"
+            f"  {name}_STRENGTHS, {name}_LN_STRENGTHS, {name}_BEFORE,\n"
             f"  {', '.join(_single(v) for v in one.numbers().values())}}};\n"
         )
     return "\n".join(parts)
@@ -356,6 +363,7 @@ def _lua_tables(design: Design) -> str:
         fields.append(f"codes = {_lua_list(causal_guard.CODES_WITHIN[one.quantity])}")
         fields.append(f"slow_uncertainty = {_lua_list(channel.slow_uncertainty)}")
         fields.append(f"ln_resolved = {_lua_list(np.log(channel.resolved_rate))}")
+        fields += [f"{k} = {_lua_list(v)}" for k, v in zip(("ln_strengths", "before"), one.strengths, strict=True)]
         for what, table in (("response", channel.response), ("readout", channel.readout)):
             axes = ", ".join(_lua_list(axis) for axis in (table.temperature_c, table.ln_airspeed, table.ln_pressure))
             columns = table.values.shape[-1]

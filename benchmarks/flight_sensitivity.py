@@ -39,9 +39,11 @@ SMOOTHER = (
     "stretches.LEFT_SHARE", "unread.SLOPE_BLOCKS", "unread.FEWEST_BLOCKS", "unread.MOVED_SIGMAS", "unread.SURE_SIGMAS",
 )  # fmt: skip
 CAUSAL = (
-    "causal_bank.LEARNING", "causal_bank.STRENGTH_LASTS_S", "causal_bank.BETWEEN_BENDS_S", "causal_bank.BEND_LASTS_S",
-    "causal_bank.BETWEEN_DOORS_S", "causal_bank.DOOR_LASTS_S", "causal_bank.UNSURE_OF_STRENGTH", "causal.UNREAD_S",
-    "causal.UNREAD_PERIODS", "causal.VAPOUR_PER_K", "causal_bank.LEAST_SHARE",
+    "causal_bank.STRENGTH_LASTS_S", "causal_bank.STRENGTHS_WEIGHED", "causal_bank.USUAL_WITHIN",
+    "causal_bank.USUAL_ENDS", "causal_bank.BEND_IN_TURBULENCE", "causal_bank.BEND_OVER_DOOR",
+    "causal_bank.BETWEEN_BENDS_S", "causal_bank.BEND_LASTS_S", "causal_bank.BETWEEN_DOORS_S",
+    "causal_bank.DOOR_LASTS_S", "causal.UNREAD_S", "causal.UNREAD_PERIODS", "causal.VAPOUR_PER_K",
+    "causal_bank.LEAST_SHARE",
 )  # fmt: skip
 CAUSES = {
     "second lag": "a second lag",

@@ -3,15 +3,16 @@
 Interacting multiple models (Blom and Bar-Shalom 1988, doi 10.1109/9.1299) on the states of the smoother: level and
 slope, three Ornstein-Uhlenbeck processes (`prior`), the sensor's lags (`stepping`), and what passes sensor and air
 alike (`prior.Passing`). What the smoother judges from the whole flight, strengths of turbulence and trend, is here the
-probability of each filter, and a middle strength that follows the likelihood. Past air is kept beside the states, so
-that an estimate may wait for N more readings (fixed lag).
+probability of each filter, and a middle strength. How likely other strengths are than that one is weighed with each
+reading, whose variance two filters tell at two of them; a strength may always become another (Hamilton 1989,
+doi 10.2307/1912559). Past air is kept beside the states, so that an estimate may wait for N more readings (fixed lag).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from math import exp, sqrt, tanh
+from math import log, sqrt, tanh
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,13 +29,14 @@ AIR = np.array([1.0, 0.0] + [1.0] * RATES_PER_S.size)
 WEAK, STRONG, BENDING, DOOR = range(4)
 FILTER_COUNT = 4
 TURBULENCE = np.array([0.5, 2.0, 1.0])  # times the middle strength; a door has its own
-BENDS = np.array([0.1, 0.1, 8.0, 1.0])  # the trend's bend [unit / s^1.5] over the turbulence [unit]
+# Bends of the filters' trends [unit / s^1.5]: over a filter's own turbulence [unit] where they hardly bend, and over a
+# door's where they do, because layers have edges in air without turbulence too
+BEND_IN_TURBULENCE, BEND_OVER_DOOR = 0.1, 0.3
 STRENGTH_LASTS_S = 60.0  # the air keeps its strength for so long,
 BETWEEN_BENDS_S, BEND_LASTS_S = 100.0, 20.0  # so long lies between two bends, and one lasts,
 BETWEEN_DOORS_S, DOOR_LASTS_S = 1000.0, 5.0  # and so of doors
-# ln of the middle strength moves along the likelihood's slope, which leaves it unsure by sqrt(LEARNING / 2)
-LEARNING, MOST_LEARNT = 0.03, 0.5
-UNSURE_OF_STRENGTH = exp(LEARNING)  # of the variance, its mean factor; more than that is between the first two filters
+STRENGTHS_WEIGHED = 7  # from end to end of a ladder in equal ratios, or about what is usual,
+USUAL_WITHIN, USUAL_ENDS = 0.5, 4.0  # which holds within so much of its ln, standard deviation; and ends in so many
 LEAST_LIKELY = 1e-6
 LEAST_VARIANCE = 1e-9
 # A filter takes over from another what that is worth beyond so much: an unlikely door is kelvins away, and its square
@@ -93,6 +95,17 @@ def half_width(likely: list[float], off: list[float], variance: list[float]) -> 
     return width
 
 
+def weighed(ladder: Ladder | None) -> tuple[Array, Array]:
+    """Strengths that are weighed, ln over the usual one (STRENGTHS_WEIGHED,), and how likely each is before anything is
+    read: of a ladder all alike, about a strength that is known to be usual (None) nearer ones more."""
+    if ladder is not None:
+        half = log(ladder.highest / ladder.middle)
+        return np.linspace(-half, half, STRENGTHS_WEIGHED), np.full(STRENGTHS_WEIGHED, 1.0 / STRENGTHS_WEIGHED)
+    off = np.linspace(-USUAL_ENDS, USUAL_ENDS, STRENGTHS_WEIGHED)
+    likely = np.exp(-0.5 * off**2)
+    return USUAL_WITHIN * off, likely / likely.sum()
+
+
 @dataclass(frozen=True)
 class MixtureEstimate:
     """The air and its variance over the filters; how likely each of them is, how far off, and its own variance."""
@@ -133,11 +146,16 @@ class Bank:
     unit : float
         What the ladder's strengths, and the spread at a start, are in units of the states.
     middle : float
-        Strength of the air between those of the first two filters.
+        Strength of the air between those of the first two filters: mean of its ln.
+    unsure : float
+        Mean of the strength over that: as many times is the air's variance, which goes about as its strength.
     usual : float
         What was last said to be usual; at a start, which is told of nothing, the middle one.
     likely : ndarray (FILTER_COUNT,)
         Probabilities of the filters.
+    chances, before : ndarray (STRENGTHS_WEIGHED,)
+        Probabilities of the strengths, as far from the usual one as `ln_strengths` (STRENGTHS_WEIGHED,), now and where
+        nothing is known.
     count, first : int
         Numbers of the next air that is kept and of the first one since the start.
     """
@@ -165,8 +183,10 @@ class Bank:
     ) -> None:
         """Air, slope and lags anywhere within `spread` of a reading; turbulence as it is on the long run, as strong as
         `usual` where that is known."""
-        middle = float(np.sqrt(self.ladder.lowest * self.ladder.highest)) * self.unit
-        self.middle = self.usual = middle if usual is None else self._possible(usual)
+        self.usual = self.ladder.middle * self.unit if usual is None else self._possible(usual)
+        self.ln_strengths, self.before = weighed(None if usual is not None else self.ladder)
+        self.chances = self.before
+        self._settle()
         self.likely = np.full(FILTER_COUNT, 1.0 / FILTER_COUNT)
         self.mean = np.zeros((FILTER_COUNT, self.size))
         self.mean[:, 0] = level
@@ -196,10 +216,10 @@ class Bank:
         """Some time ahead, in `parts` steps; lags of `rate` (K,) and `weight` (K,) behind the air, which is straight
         over each. The air's strength goes with the `usual` one, and to it where readings say little of it."""
         if usual is not None:
-            usual, back = self._possible(usual), 1.0 - np.exp(-step_s / STRENGTH_LASTS_S)
-            self._learn(np.log(usual / self.usual))
-            self._learn(back * np.log(usual / self.middle))
-            self.usual = usual
+            self.usual = self._possible(usual)
+        another = 1.0 - np.exp(-step_s / STRENGTH_LASTS_S)
+        self.chances = (1.0 - another) * self.chances + another * self.before
+        self._settle()
         self._mix(step_s)
         for _ in range(parts):
             self._step(step_s / parts, rate, passing_sigma, speed)
@@ -207,7 +227,7 @@ class Bank:
 
     def _step(self, step_s: float, rate: Array, passing_sigma: float, speed: float) -> None:
         strengths = self._strengths()
-        bends = strengths * BENDS**2
+        bends = self._bends()
         old, new, decay = hold(rate, np.array(step_s))
         gone = np.exp(-RATES_PER_S * step_s)
         air = self.index[WALK_STATES:AIR_STATES]
@@ -245,7 +265,8 @@ class Bank:
     def update(self, reading: float, noise_variance: float) -> None:
         """Take a reading in."""
         pc = self.p @ self.c
-        s = np.maximum(pc @ self.c, 0.0) + noise_variance
+        own = np.maximum(pc @ self.c, 0.0)
+        s = own + noise_variance
         v = reading - self.mean @ self.c
         gain = pc / s[:, None]
         if self.past.shape[1]:
@@ -261,11 +282,26 @@ class Bank:
         likely = self.likely * np.exp(np.maximum(cost.min() - cost, -MOST_UNLIKELY))
         self.likely = np.maximum(likely / likely.sum(), LEAST_LIKELY)
         self.likely /= self.likely.sum()
-        slope = (cost[WEAK] - cost[STRONG]) / np.log(TURBULENCE[STRONG] / TURBULENCE[WEAK])
-        self._learn(min(max(LEARNING * slope, -MOST_LEARNT), MOST_LEARNT))
+        self._weigh(v, own, noise_variance)
 
-    def _learn(self, ln_factor: float) -> None:
-        self.middle = self._possible(float(self.middle * np.exp(ln_factor)))
+    def _weigh(self, off: Array, own: Array, noise_variance: float) -> None:
+        """How likely a reading is at each strength, of the filters' expectations that it is `off` from, and of their
+        variances `own` without its noise: between the first two filters straight lines over ln of the strength."""
+        apart = np.log(TURBULENCE[STRONG] / TURBULENCE[WEAK])
+        weak, strong = np.maximum(own[:BENDING], LEAST_VARIANCE)
+        power = min(max(np.log(strong / weak) / apart, 0.0), 2.0)
+        over_middle = self.ln_strengths - np.log(self.middle / self.usual)
+        variance = noise_variance + np.sqrt(weak * strong) * np.exp(power * over_middle)
+        away = off[WEAK] + np.clip(0.5 + over_middle / apart, 0.0, 1.0) * (off[STRONG] - off[WEAK])
+        cost = 0.5 * away**2 / variance
+        chances = self.chances * np.exp(np.maximum(cost.min() - cost, -MOST_UNLIKELY)) / np.sqrt(variance)
+        self.chances = chances / chances.sum()
+        self._settle()
+
+    def _settle(self) -> None:
+        mean = float(self.chances @ self.ln_strengths)
+        self.middle = self._possible(self.usual * float(np.exp(mean)))
+        self.unsure = float(self.chances @ np.exp(self.ln_strengths - mean))
 
     def _possible(self, strength: float) -> float:
         return min(max(strength, self.ladder.lowest * self.unit), self.ladder.highest * self.unit)
@@ -301,7 +337,8 @@ class Bank:
         gone = np.exp(-RATES_PER_S * step_s)
         h = self.h.copy()
         h[1], h[WALK_STATES:AIR_STATES] = step_s, gone
-        added = self._strengths() * (UNSEEN_VARIANCE + BENDS**2 * step_s**3 / 3 + OU_VARIANCES @ (1.0 - gone**2))
+        added = self._strengths() * (UNSEEN_VARIANCE + OU_VARIANCES @ (1.0 - gone**2))
+        added += self._bends() * step_s**3 / 3
         return self._estimate(self.mean @ h, np.maximum((self.p @ h) @ h, 0.0) + added)
 
     def wobble(self, step_s: float) -> float:
@@ -323,13 +360,20 @@ class Bank:
         own[:DOOR], own[DOOR] = self.middle * TURBULENCE, self.ladder.door * self.unit
         return own * own
 
+    def _bends(self) -> Array:
+        """Squares of the bends of the filters' trends."""
+        own = np.full(FILTER_COUNT, self.ladder.door * self.unit)
+        own[:BENDING] = BEND_IN_TURBULENCE * self.middle * TURBULENCE[:BENDING]
+        own[BENDING] *= BEND_OVER_DOOR
+        return own * own
+
     def _together(self, each: Array, spread: Array) -> tuple[float, float]:
         air = float(self.likely @ each)
-        return air, float(self.likely @ (UNSURE_OF_STRENGTH * spread + (each - air) ** 2))
+        return air, float(self.likely @ (self.unsure * spread + (each - air) ** 2))
 
     def _estimate(self, each: Array, spread: Array) -> MixtureEstimate:
         air, variance = self._together(each, spread)
-        return MixtureEstimate(air, variance, self.likely, each - air, UNSURE_OF_STRENGTH * spread)
+        return MixtureEstimate(air, variance, self.likely, each - air, self.unsure * spread)
 
     def _mix(self, step_s: float) -> None:
         """Before each step every filter takes over from the others what they are worth."""

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from math import log
+from math import log, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +61,11 @@ class Ladder:
     lowest: float
     highest: float
     door: float
+
+    @property
+    def middle(self) -> float:
+        """Between the lowest and the highest."""
+        return sqrt(self.lowest * self.highest)
 
 
 # What the smoother finds in the segments of the flights of benchmarks/flight_harm.py, and a factor beyond.

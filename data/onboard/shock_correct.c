@@ -15,6 +15,8 @@ typedef struct {
   uint8_t modes, slow, passing, size, codes;
   table response, readout; /* weights, ln rates, relative uncertainty; offset, gain, uncertainty */
   const float *slow_uncertainty, *code, *ln_resolved;
+  /* strengths over the usual one, their logarithms, and how likely each is before anything is read */
+  const float *strength, *ln_strength, *before;
   float noise, share, low, high, swing, ceiling, left, delay_s;
   float lowest, highest, door, low_c, high_c, straight_s, unsure_of_airspeed, spread;
 } design;
@@ -37,7 +39,7 @@ static const float VARIANCE[TURBULENT] = {@OU_VARIANCES@};
 /* The filters: weak and strong turbulence on a trend that hardly bends, a trend that bends, and a door. */
 enum { WEAK, STRONG, BENDING, DOOR };
 static const float STRENGTH[DOOR] = {@TURBULENCE@};            /* times the middle one */
-static const float BEND[SHOCK_FILTERS] = {@BENDS@}; /* of the trend over the turbulence */
+static const float BEND[SHOCK_FILTERS] = {@BENDS@}; /* of the trend over the turbulence, of the last two a door's */
 
 /* One channel's filters, wherever they stand in the state. */
 typedef struct {
@@ -57,7 +59,7 @@ typedef struct {
 } estimate;
 
 /* What is known of a channel's air besides its readings: what passes sensor and air alike, and how fast that is; what
-   goes through readings as noise would; how strong such air usually is (0: not known). */
+   goes through readings as noise would; how strong such air usually is (below 0: not known). */
 typedef struct {
   float passing, speed, alike, usual;
 } course;
@@ -136,7 +138,54 @@ static float possible(const bank *b, float strength) {
   return within(strength, b->d->lowest * b->unit, b->d->highest * b->unit);
 }
 
-static void learn(bank *b, float ln_factor) { b->own->middle = possible(b, b->own->middle * expf(ln_factor)); }
+/* Squares of the bends of the filters' trends. */
+static void bends(const bank *b, float *square) {
+  uint8_t f;
+  for (f = 0; f < SHOCK_FILTERS; f++) {
+    float own = BEND[f] * (f < BENDING ? b->own->middle * STRENGTH[f] : b->d->door * b->unit);
+    square[f] = own * own;
+  }
+}
+
+static float mean_strength(const bank *b, const float *strength) {
+  float mean = 0.0f;
+  uint8_t k;
+  for (k = 0; k < SHOCK_STRENGTHS; k++) mean += b->own->chance[k] * strength[k];
+  return mean;
+}
+
+/* The middle strength, by the probabilities of all that are weighed. */
+static void settle(bank *b) {
+  b->own->middle = possible(b, b->own->usual * expf(mean_strength(b, b->d->ln_strength)));
+}
+
+/* Mean of the strength over the middle one: as many times is the air's variance. */
+static float unsure(const bank *b) {
+  return mean_strength(b, b->d->strength) / expf(mean_strength(b, b->d->ln_strength));
+}
+
+/* How likely a reading is at each strength: `off` what the filters expected, whose variances without its noise are
+   `own`; between the first two straight lines over ln of the strength. */
+static void weigh(bank *b, const float *off, const float *own, float noise_variance) {
+  float apart = logf(STRENGTH[STRONG] / STRENGTH[WEAK]), shift = logf(b->own->middle / b->own->usual), low = INFINITY;
+  float weak = most(own[WEAK], @LEAST_VARIANCE@), strong = most(own[STRONG], @LEAST_VARIANCE@), sum = 0.0f;
+  float power = within(logf(strong / weak) / apart, 0.0f, 2.0f), between = sqrtf(weak) * sqrtf(strong);
+  float cost[SHOCK_STRENGTHS], variance[SHOCK_STRENGTHS];
+  uint8_t k;
+  for (k = 0; k < SHOCK_STRENGTHS; k++) {
+    float over = b->d->ln_strength[k] - shift;
+    float away = off[WEAK] + within(0.5f + over / apart, 0.0f, 1.0f) * (off[STRONG] - off[WEAK]);
+    variance[k] = noise_variance + between * expf(power * over);
+    cost[k] = 0.5f * away * away / variance[k];
+    low = least(low, cost[k]);
+  }
+  for (k = 0; k < SHOCK_STRENGTHS; k++) {
+    b->own->chance[k] *= expf(most(low - cost[k], -@MOST_UNLIKELY@)) / sqrtf(variance[k]);
+    sum += b->own->chance[k];
+  }
+  for (k = 0; k < SHOCK_STRENGTHS; k++) b->own->chance[k] /= sum;
+  settle(b);
+}
 
 /* The air's turbulence from row to row, as the standard deviation of noise that would change as much. */
 static float wobble(const bank *b, float step_s) {
@@ -214,6 +263,7 @@ static size_t packed_size(const bank *b) { return PACKED(b->d->size, 0); }
    filter how far its mean is `off` that of all, and its own variance. */
 static estimate together(const bank *b, const float *on, const float *added, float *off, float *variance) {
   estimate found = {0.0f, 0.0f, 0.0f};
+  float times = unsure(b);
   uint8_t f, n = b->d->size;
   for (f = 0; f < SHOCK_FILTERS; f++) {
     off[f] = dot(on, b->mean + (size_t)f * n, n);
@@ -221,7 +271,7 @@ static estimate together(const bank *b, const float *on, const float *added, flo
   }
   for (f = 0; f < SHOCK_FILTERS; f++) {
     float own = most(spread(b, b->p + f * packed_size(b), on, NULL), 0.0f) + (added == NULL ? 0.0f : added[f]);
-    variance[f] = @UNSURE@ * own;
+    variance[f] = times * own;
     off[f] -= found.value;
     found.variance += b->own->likely[f] * (variance[f] + off[f] * off[f]);
   }
@@ -263,7 +313,7 @@ static float half_width(const bank *b, const float *off, const float *variance) 
 /* The air so long after what the last reading is of; how uncertain it is said to be is reckoned where it is `asked`. */
 static estimate air_ahead(const bank *b, float ahead, int asked) {
   float on[MOST_STATES], gone[TURBULENT], added[SHOCK_FILTERS], extra = @UNSEEN@, cube = 0.0f;
-  float off[SHOCK_FILTERS], variance[SHOCK_FILTERS];
+  float off[SHOCK_FILTERS], variance[SHOCK_FILTERS], bend[SHOCK_FILTERS];
   estimate found;
   uint8_t i;
   for (i = 0; i < TURBULENT; i++) gone[i] = 1.0f;
@@ -275,7 +325,8 @@ static estimate air_ahead(const bank *b, float ahead, int asked) {
     }
   }
   strengths(b, added);
-  for (i = 0; i < SHOCK_FILTERS; i++) added[i] *= extra + BEND[i] * BEND[i] * cube;
+  bends(b, bend);
+  for (i = 0; i < SHOCK_FILTERS; i++) added[i] = added[i] * extra + bend[i] * cube;
   of_air(b, most(ahead, 0.0f), gone, on);
   found = together(b, on, added, off, variance);
   if (asked) {
@@ -288,8 +339,9 @@ static estimate air_ahead(const bank *b, float ahead, int asked) {
 static void start(bank *b, float level, const course *c) {
   uint8_t f, i, n = b->d->size;
   float square[SHOCK_FILTERS], wide = b->d->spread * b->unit * (b->d->spread * b->unit);
-  b->own->middle = c->usual > 0.0f ? possible(b, c->usual) : sqrtf(b->d->lowest * b->d->highest) * b->unit;
-  b->own->usual = b->own->middle;
+  b->own->usual = c->usual >= 0.0f ? possible(b, c->usual) : sqrtf(b->d->lowest * b->d->highest) * b->unit;
+  for (i = 0; i < SHOCK_STRENGTHS; i++) b->own->chance[i] = b->d->before[i];
+  settle(b);
   strengths(b, square);
   for (f = 0; f < SHOCK_FILTERS; f++) {
     float *mean = b->mean + (size_t)f * n, *p = b->p + f * packed_size(b);
@@ -378,16 +430,15 @@ static void mix(bank *b, float step_s) {
 /* One step of straight air. */
 static void advance(bank *b, float step_s, const float *values, const course *c) {
   move m;
-  float q[AIR], total, square[SHOCK_FILTERS], work[MOST_STATES][MOST_STATES], x[MOST_STATES], y[MOST_STATES],
+  float q[AIR], total, square[SHOCK_FILTERS], bend[SHOCK_FILTERS], added_to[TURBULENT], work[MOST_STATES][MOST_STATES], x[MOST_STATES], y[MOST_STATES],
       own[3] = {0.0f, 0.0f, 0.0f}, cube = step_s * step_s * step_s / 3.0f;
   uint8_t i, j, f, n = b->d->size, modes = b->d->modes;
   strengths(b, square);
+  bends(b, bend);
   m.step_s = step_s;
-  total = 0.0f;
   for (i = 0; i < TURBULENT; i++) {
     m.gone[i] = expf(-RATE[i] * step_s);
-    q[WALK + i] = VARIANCE[i] * (1.0f - m.gone[i] * m.gone[i]);
-    total += q[WALK + i];
+    added_to[i] = VARIANCE[i] * (1.0f - m.gone[i] * m.gone[i]);
   }
   for (i = 0; i < modes; i++) {
     float gone;
@@ -407,9 +458,13 @@ static void advance(bank *b, float step_s, const float *values, const course *c)
     own[2] = v * most(1.0f - (s[2] * s[2] * r + s[3] * s[3]), 0.0f);
   }
   for (f = 0; f < SHOCK_FILTERS; f++) {
-    float *mean = b->mean + (size_t)f * n, *p = b->p + f * packed_size(b), bend = BEND[f] * BEND[f];
-    q[0] = bend * cube;
-    q[1] = bend * step_s;
+    float *mean = b->mean + (size_t)f * n, *p = b->p + f * packed_size(b), both = bend[f] * (step_s * step_s / 2.0f);
+    total = q[0] = bend[f] * cube;
+    q[1] = bend[f] * step_s;
+    for (i = 0; i < TURBULENT; i++) {
+      q[WALK + i] = square[f] * added_to[i];
+      total += q[WALK + i];
+    }
     carried(b, &m, mean, x);
     for (i = 0; i < n; i++) mean[i] = x[i];
     for (j = 0; j < n; j++) {
@@ -426,16 +481,15 @@ static void advance(bank *b, float step_s, const float *values, const course *c)
           if (j == 0)
             added = in * q[0];
           else if (j == 1)
-            added = in * bend * (step_s * step_s / 2.0f);
+            added = in * both;
           else if (j < AIR)
             added = in * q[j];
           else
-            added = in * m.new_[j - AIR] * (q[0] + total);
+            added = in * m.new_[j - AIR] * total;
         } else if (i < AIR && i == j)
           added = q[i];
         else if (i == 1 && j == 0)
-          added = bend * (step_s * step_s / 2.0f);
-        added *= square[f];
+          added = both;
         if (i >= AIR + modes && j >= AIR + modes) added = own[(i - AIR - modes) + (j - AIR - modes)];
         p[PACKED(i, j)] = y[j] + added;
       }
@@ -445,24 +499,24 @@ static void advance(bank *b, float step_s, const float *values, const course *c)
 
 static void predict(bank *b, float step_s, const float *values, const course *c) {
   uint8_t parts = (uint8_t)within(step_s / b->d->straight_s + 0.5f, 1.0f, @MOST_PARTS@), i;
-  float back, after;
-  if (c->usual > 0.0f) {
-    float usual = possible(b, c->usual);
-    hold(step_s / @CHANGE_S@, &back, &after);
-    learn(b, logf(usual / b->own->usual));
-    learn(b, back * logf(usual / b->own->middle));
-    b->own->usual = usual;
-  }
+  float another, after;
+  if (c->usual >= 0.0f) b->own->usual = possible(b, c->usual);
+  hold(step_s / @CHANGE_S@, &another, &after);
+  for (i = 0; i < SHOCK_STRENGTHS; i++) b->own->chance[i] += another * (b->d->before[i] - b->own->chance[i]);
+  settle(b);
   mix(b, step_s);
   for (i = 0; i < parts; i++) advance(b, step_s / (float)parts, values, c);
 }
 
 static void update(bank *b, const float *on, float reading, float noise_variance) {
-  float cost[SHOCK_FILTERS], low = INFINITY, sum = 0.0f, pc[MOST_STATES], left[MOST_STATES], gain[MOST_STATES];
+  float cost[SHOCK_FILTERS], off[SHOCK_FILTERS], own[SHOCK_FILTERS], low = INFINITY, sum = 0.0f, pc[MOST_STATES], left[MOST_STATES], gain[MOST_STATES];
   uint8_t f, i, j, n = b->d->size;
   for (f = 0; f < SHOCK_FILTERS; f++) {
     float *mean = b->mean + (size_t)f * n, *p = b->p + f * packed_size(b);
-    float s = most(spread(b, p, on, pc), 0.0f) + noise_variance, v = reading - dot(on, mean, n);
+    float s, v = reading - dot(on, mean, n);
+    own[f] = most(spread(b, p, on, pc), 0.0f);
+    off[f] = v;
+    s = own[f] + noise_variance;
     for (i = 0; i < n; i++) {
       /* no correlation is above one, whatever rounding has made of it */
       float bound = sqrtf(most(p[PACKED(i, i)], 0.0f) * s);
@@ -494,9 +548,7 @@ static void update(bank *b, const float *on, float reading, float noise_variance
     low += b->own->likely[f];
   }
   for (f = 0; f < SHOCK_FILTERS; f++) b->own->likely[f] /= low;
-  /* the middle strength, along the slope of the likelihood */
-  sum = (cost[WEAK] - cost[STRONG]) / logf(STRENGTH[STRONG] / STRENGTH[WEAK]);
-  learn(b, within(@LEARNING@ * sum, -@MOST_LEARNT@, @MOST_LEARNT@));
+  weigh(b, off, own, noise_variance);
 }
 
 /* The guard */
@@ -782,7 +834,7 @@ static int in_order(shock_state *state, int64_t time_us, float *step_s) {
   return 1;
 }
 
-static const course PLAIN = {0.0f, 1.0f, 0.0f, 0.0f};
+static const course PLAIN = {0.0f, 1.0f, 0.0f, -1.0f};
 
 static void warm(shock_state *state, const shock_row *row, float step_s, told *found) {
   bank b = bead_of(state);

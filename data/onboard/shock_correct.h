@@ -9,6 +9,7 @@
 
 /* Filters of each channel, and their states: air, lags, and (of humidity) what passes air and sensor alike. */
 #define SHOCK_FILTERS 4
+#define SHOCK_STRENGTHS @WEIGHED@ /* of the air's turbulence, of which each has a probability */
 #define SHOCK_BEAD_STATES @BEAD_STATES@
 #define SHOCK_FILM_STATES @FILM_STATES@
 #define SHOCK_STATE_BYTES @STATE_BYTES@ /* at most: without padding as most compilers lay it out */
@@ -53,7 +54,7 @@ typedef struct {
 
 typedef struct {
   float middle, usual;
-  float likely[SHOCK_FILTERS];
+  float likely[SHOCK_FILTERS], chance[SHOCK_STRENGTHS];
   float since_used_s, since_read_s, shown;
   shock_guard guard;
   uint8_t started;

@@ -80,7 +80,44 @@ end
 
 local function possible(b, strength) return within(strength, b.d.lowest * b.unit, b.d.highest * b.unit) end
 
-local function learn(b, ln_factor) b.middle = possible(b, b.middle * exp(ln_factor)) end
+local function bends(b)
+  local square = {}
+  for f = 1, FILTERS do
+    local own = BEND[f] * (f < BENDING and b.middle * STRENGTH[f] or b.d.door * b.unit)
+    square[f] = own * own
+  end
+  return square
+end
+
+-- The middle strength, and how unsure it is, by the probabilities of all that are weighed.
+local function settle(b)
+  local ln, mean, unsure = b.d.ln_strengths, 0.0, 0.0
+  for k = 1, #ln do mean = mean + b.chance[k] * ln[k] end
+  for k = 1, #ln do unsure = unsure + b.chance[k] * exp(ln[k] - mean) end
+  b.middle, b.unsure = possible(b, b.usual * exp(mean)), unsure
+end
+
+-- How likely a reading is at each strength: `off` what the filters expected, whose variances without its noise are
+-- `own`; between the first two straight lines over ln of the strength.
+local function weigh(b, off, own, noise_variance)
+  local apart, shift, low = log(STRENGTH[STRONG] / STRENGTH[WEAK]), log(b.middle / b.usual), INFINITE
+  local weak, strong = max(own[WEAK], @LEAST_VARIANCE@), max(own[STRONG], @LEAST_VARIANCE@)
+  local power, between = within(log(strong / weak) / apart, 0.0, 2.0), sqrt(weak) * sqrt(strong)
+  local ln, cost, variance, sum = b.d.ln_strengths, {}, {}, 0.0
+  for k = 1, #ln do
+    local over = ln[k] - shift
+    local away = off[WEAK] + within(0.5 + over / apart, 0.0, 1.0) * (off[STRONG] - off[WEAK])
+    variance[k] = noise_variance + between * exp(power * over)
+    cost[k] = 0.5 * away * away / variance[k]
+    low = min(low, cost[k])
+  end
+  for k = 1, #ln do
+    b.chance[k] = b.chance[k] * exp(max(low - cost[k], -@MOST_UNLIKELY@)) / sqrt(variance[k])
+    sum = sum + b.chance[k]
+  end
+  for k = 1, #ln do b.chance[k] = b.chance[k] / sum end
+  settle(b)
+end
 
 local function wobble(b, step_s)
   local sum = 0.0
@@ -150,7 +187,7 @@ local function together(b, on, added)
     all = all + b.likely[f] * off[f]
   end
   for f = 1, FILTERS do
-    variance[f] = @UNSURE@ * (max(spread(b, b.p[f], on), 0.0) + (added and added[f] or 0.0))
+    variance[f] = b.unsure * (max(spread(b, b.p[f], on), 0.0) + (added and added[f] or 0.0))
     off[f] = off[f] - all
     total = total + b.likely[f] * (variance[f] + off[f] * off[f])
   end
@@ -202,7 +239,8 @@ local function air_ahead(b, ahead, asked)
       extra = extra + VARIANCE[i] * (1.0 - gone[i] * gone[i])
     end
   end
-  for f = 1, FILTERS do added[f] = added[f] * (extra + BEND[f] * BEND[f] * cube) end
+  local bend = bends(b)
+  for f = 1, FILTERS do added[f] = added[f] * extra + bend[f] * cube end
   local all, total, off, variance = together(b, direction(b, nil, max(ahead, 0.0), gone), added)
   if not asked then return all, total end
   local sigma = half_width(b, off, variance) / @NORMAL_WIDTH@
@@ -212,8 +250,10 @@ end
 local function start(b, level, c)
   local d = b.d
   local wide = d.spread * b.unit * (d.spread * b.unit)
-  b.middle = c.usual and possible(b, c.usual) or sqrt(d.lowest * d.highest) * b.unit
-  b.usual = b.middle
+  b.usual = c.usual and possible(b, c.usual) or sqrt(d.lowest * d.highest) * b.unit
+  b.chance = {}
+  for k = 1, #d.before do b.chance[k] = d.before[k] end
+  settle(b)
   local square, n = strengths(b), d.size
   b.mean, b.p, b.likely = {}, {}, {}
   for f = 1, FILTERS do
@@ -283,13 +323,12 @@ end
 
 local function advance(b, step_s, values, c)
   local d = b.d
-  local n, modes, square, q, total = d.size, d.modes, strengths(b), {}, 0.0
+  local n, modes, square, bend, added_to = d.size, d.modes, strengths(b), bends(b), {}
   local cube, half = step_s * step_s * step_s / 3.0, step_s * step_s / 2.0
   local m, own = {step_s = step_s, gone = {}, old = {}, new = {}, decay = {}}, {0.0, 0.0, 0.0}
   for i = 1, TURBULENT do
     m.gone[i] = exp(-RATE[i] * step_s)
-    q[WALK + i] = VARIANCE[i] * (1.0 - m.gone[i] * m.gone[i])
-    total = total + q[WALK + i]
+    added_to[i] = VARIANCE[i] * (1.0 - m.gone[i] * m.gone[i])
   end
   for i = 1, modes do
     local gone
@@ -307,8 +346,12 @@ local function advance(b, step_s, values, c)
     own[3] = v * max(1.0 - (s[3] * s[3] * r + s[4] * s[4]), 0.0)
   end
   for f = 1, FILTERS do
-    local mean, p, work, x, y, bend = b.mean[f], b.p[f], {}, {}, {}, BEND[f] * BEND[f]
-    q[1], q[2] = bend * cube, bend * step_s
+    local mean, p, work, x, y, both = b.mean[f], b.p[f], {}, {}, {}, bend[f] * half
+    local q, total = {bend[f] * cube, bend[f] * step_s}, bend[f] * cube
+    for i = 1, TURBULENT do
+      q[WALK + i] = square[f] * added_to[i]
+      total = total + q[WALK + i]
+    end
     carried(b, m, mean, x)
     b.mean[f] = x
     for i = 1, n do work[i] = {} end
@@ -325,18 +368,17 @@ local function advance(b, step_s, values, c)
         if i > AIR and i <= AIR + modes then
           local into = m.new[i - AIR]
           if j == 2 then
-            added = into * bend * half
+            added = into * both
           elseif j <= AIR then
             added = into * q[j]
           else
-            added = into * m.new[j - AIR] * (q[1] + total)
+            added = into * m.new[j - AIR] * total
           end
         elseif i <= AIR and i == j then
           added = q[i]
         elseif i == 2 and j == 1 then
-          added = bend * half
+          added = both
         end
-        added = added * square[f]
         if i > AIR + modes and j > AIR + modes then added = own[i + j - 2 * (AIR + modes) - 1] end
         p[packed(i, j)] = y[j] + added
       end
@@ -346,22 +388,23 @@ end
 
 local function predict(b, step_s, values, c)
   local parts = floor(within(step_s / b.d.straight_s + 0.5, 1.0, @MOST_PARTS@))
-  if c.usual then
-    local usual, back = possible(b, c.usual), hold(step_s / @CHANGE_S@)
-    learn(b, log(usual / b.usual))
-    learn(b, back * log(usual / b.middle))
-    b.usual = usual
-  end
+  if c.usual then b.usual = possible(b, c.usual) end
+  local another = hold(step_s / @CHANGE_S@)
+  for k = 1, #b.chance do b.chance[k] = b.chance[k] + another * (b.d.before[k] - b.chance[k]) end
+  settle(b)
   mix(b, step_s)
   for _ = 1, parts do advance(b, step_s / parts, values, c) end
 end
 
 local function update(b, on, reading, noise_variance)
-  local cost, low, sum, n = {}, INFINITE, 0.0, b.d.size
+  local cost, off, own, low, sum, n = {}, {}, {}, INFINITE, 0.0, b.d.size
   for f = 1, FILTERS do
     local mean, p = b.mean[f], b.p[f]
-    local own, pc = spread(b, p, on)
-    local s, v = max(own, 0.0) + noise_variance, reading - dot(on, mean, n)
+    local pc
+    own[f], pc = spread(b, p, on)
+    own[f] = max(own[f], 0.0)
+    local s, v = own[f] + noise_variance, reading - dot(on, mean, n)
+    off[f] = v
     local gain, left = {}, {}
     for i = 1, n do
       -- no correlation is above one, whatever rounding has made of it
@@ -398,8 +441,7 @@ local function update(b, on, reading, noise_variance)
     whole = whole + b.likely[f]
   end
   for f = 1, FILTERS do b.likely[f] = b.likely[f] / whole end
-  local slope = (cost[WEAK] - cost[STRONG]) / log(STRENGTH[STRONG] / STRENGTH[WEAK])
-  learn(b, within(@LEARNING@ * slope, -@MOST_LEARNT@, @MOST_LEARNT@))
+  weigh(b, off, own, noise_variance)
 end
 
 local DECIMAL_STEPS = {@DECIMAL_STEPS@, 0.0} -- the last: written in none of them
