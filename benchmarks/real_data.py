@@ -10,7 +10,7 @@ it predicts. A set of one run has no held-out error: there the rivals' error is 
 
 `--logs` is a folder with the two sets as they were published; `data/real`, taken otherwise, holds thinned parts.
 `--cache` judges other sets in their place, from logs that this project does not hold (`real_cache_sets.py`
-and, for the third to the ninth group, `real_third_sets.py` to `real_ninth_sets.py` say which).
+and, for the third to the tenth group, `real_third_sets.py` to `real_tenth_sets.py` say which).
 """
 
 from __future__ import annotations
@@ -157,6 +157,7 @@ def main(argv: list[str] | None = None) -> int:
     from real_sets import real_sets
     from real_seventh_sets import seventh_sets
     from real_sixth_sets import sixth_sets
+    from real_tenth_sets import tenth_sets
     from real_third_sets import third_sets
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -181,7 +182,10 @@ def main(argv: list[str] | None = None) -> int:
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     worse = behind = 0
-    groups = (cached_sets, third_sets, fourth_sets, fifth_sets, sixth_sets, seventh_sets, eighth_sets, ninth_sets)
+    groups = (
+        *(cached_sets, third_sets, fourth_sets, fifth_sets, sixth_sets),
+        *(seventh_sets, eighth_sets, ninth_sets, tenth_sets),
+    )
     cached = [real for group in groups for real in group()]
     sets, logs = (cached, args.cache) if args.cache else (real_sets(), args.logs)
     for real in (s for s in sets if args.only in s.name):
