@@ -110,10 +110,17 @@ def _exchanged(temperature: Array, humidity: Array) -> Mask:
         fewer = np.flatnonzero(moving.all(axis=0))
         if (also := _ends(temperature[fewer], humidity[fewer])).size == middle.size + 1:
             middle, rows, read = also, fewer, moving
-    odd = np.searchsorted(middle, np.arange(rows.size), side="right") % 2 == 1
     if middle.size == 1:
-        odd = _from_one_end(temperature[rows], humidity[rows], int(middle[0]))
-    elif odd.any():
+        # the other end may lie where one of them lacks: it holds what it did last
+        either = np.flatnonzero(read.any(axis=0))
+        last = np.maximum.accumulate(np.where(read, np.arange(temperature.size), -1), axis=1)[:, either]
+        either, last = either[(last >= 0).all(axis=0)], last[:, (last >= 0).all(axis=0)]
+        of_bead, of_film = np.take_along_axis(both, last, axis=1)
+        turn = int(np.searchsorted(either, rows[middle[0]]))
+        odd = _from_one_end(of_bead, of_film, turn)[np.searchsorted(either, rows)]
+    else:
+        odd = np.searchsorted(middle, np.arange(rows.size), side="right") % 2 == 1
+    if middle.size != 1 and odd.any():
         odd = odd if _exchanged_rather(temperature[rows], odd) else ~odd
     if odd.any():
         # rows beside them in which one column is missing are of the kind that the other is like
@@ -551,8 +558,8 @@ def _lone(values: Array, again: Mask, of_air: Mask, noise: float, resolution: fl
         on_the_way = np.ones(values.size, dtype=bool)
         on_the_way[left] = (step[:-1] * step[1:] > 0.0) & (off[left] <= LONE_SIGMAS * np.hypot(noise, resolution))
         suspect &= ~on_the_way
-    # one between two of them that is as far off goes with them
-    between = np.pad(lone, 1)[:-2] & np.pad(lone, 1)[2:] & ~lone
+    # one between two of them that is as far off goes with them, but not a level that readings stay on
+    between = np.pad(lone, 1)[:-2] & np.pad(lone, 1)[2:] & ~lone & ~again
     return np.asarray(lone | (between & (sizes[0] < WORST_SHARE * off)))
 
 

@@ -563,14 +563,28 @@ class StrengthsOfFlight:
         trend = uniform_filter1d(change / steps, ALONG_ROWS)
         extra = np.where(long, change * (1.0 - spacing / steps), trend * (steps - spacing))
         # nor does the air jump as a rule, whatever it did in a gap or before a sensor that is fast beside the rows
-        size = np.abs(change)
-        beside = np.maximum(np.append(size[1:], 0.0), np.append(0.0, size[:-1]))
-        usual = max(self.expected, MAD_TO_SIGMA * float(np.median(size)))
-        extra = np.where((size > JUMPED_FACTOR * usual) & (beside < BESIDE_SHARE * size), change, extra)
+        usual = max(self.expected, MAD_TO_SIGMA * float(np.median(np.abs(change))))
+        halfway = largest_share(track.along, spacing) > MOST_SHARE
+        extra = np.where(_jumped(change, JUMPED_FACTOR * usual, halfway), change, extra)
         seen = values[rows] - np.concatenate([[0.0], np.cumsum(extra)])
         some = None if track.passing is None else replace(track.passing, sigma=track.passing.sigma[rows])
         own = _local_priors(seen, track.along.at(rows), spacing, self.noise[rows], some, self.parts, spread, largest)
         return own.each(lambda strength: np.interp(node_time, node_time[rows], strength))
+
+
+def _jumped(change: Array, least: float, halfway: bool) -> NDArray[np.bool_]:
+    """Which of the steps (n,) between readings belong to a jump of more than `least`, which one of these may have met
+    `halfway`: one of a sensor that is fast beside the rows."""
+    jumped = np.zeros(change.shape, dtype=bool)
+    for steps in (1, 2)[: min(1 + halfway, change.size)]:
+        one_way = np.lib.stride_tricks.sliding_window_view(change, steps)
+        size = np.where(np.abs(np.sign(one_way).sum(axis=1)) == steps, np.abs(one_way.sum(axis=1)), 0.0)
+        beside = np.pad(np.abs(change), (1, 1))
+        beside = np.maximum(beside[: size.size], beside[steps + 1 :])
+        found = (size > least) & (beside < BESIDE_SHARE * size)
+        for k in range(steps):
+            jumped[k : k + size.size] |= found
+    return jumped
 
 
 def _within_steps(

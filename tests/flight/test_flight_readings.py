@@ -432,6 +432,33 @@ def test_columns_that_change_place_while_a_code_stands_in_one_are_told_by_what_i
     assert np.array_equal(np.flatnonzero(found), np.flatnonzero(there))
 
 
+def test_columns_that_change_back_in_a_gap_of_one_of_them_are_told_by_what_it_held_last():
+    """Before: the 664 rows ahead of them were taken for the exchanged ones."""
+    row, rng = np.arange(2400), np.random.default_rng(7)
+    temperature = np.where(row < 1008, 26.4, 11.5) + 0.02 * rng.standard_normal(row.size)  # through a door in that gap
+    humidity = np.where(row < 1008, 19.0, 48.0) + 0.06 * rng.standard_normal(row.size)
+    there = (row >= 664) & (row < 935)
+    log = crossed(0.1, temperature, humidity, there)
+    log.humidity_percent[900:1102] = np.nan
+    found = without_codes(log)[1][EXCHANGED]
+    assert found[664:900].all() and not found[:664].any() and not found[935:].any()
+
+
+def test_a_level_of_coarse_steps_between_two_absurd_readings_is_the_air():
+    """A door that one reading met halfway, and a code: before, the 115 rows between them went with both."""
+    reading = np.where(np.arange(240) < 101, 23.0 + 0.5 * (np.arange(240) % 2), 6.0)
+    reading[101], reading[217] = 7.5, 111.1
+    found = screen(np.arange(240.0), reading, RANGES["temperature_c"], 0.02, share=0.98, swing=15.0)
+    assert found.usable[102:217].all() and found.implausible[217]
+
+
+def test_a_jump_that_a_reading_met_halfway_does_not_stir_the_air_around_it():
+    """A door at 1 Hz, before a bead that hides none: before, 2 K off in the row ahead of it."""
+    fuzz = benchmark("fuzz_flights")
+    found = fuzz.judged(191066, list(fuzz.DAMAGE))["temperature_c"]
+    assert found["ours"] < 0.3 * found["reading"] and found["covered"] > 0.9
+
+
 def test_a_code_has_no_part_in_the_steps_of_a_log():
     """Before: steps of 0.5 K passed for 0.01 K, and calm air for a sensor that is stuck."""
     reading = np.where(np.arange(2400) < 1008, 27.0, 15.0)
@@ -615,7 +642,8 @@ def test_damaged_flights_give_nothing_that_cannot_be():
     first = (3, 64, 108, 129, 280, 20182, 101094, 101182, 101402, 101225)
     more = (151154, 151379, 151040, 153216, 153323, 152458, 152482, 154433, 154205)
     for seed in (*first, *more, 158047, 158059, 159023, 159219, 159266, 160054, 160224, 170223, 170072, 170019,
-                 190035, 190105, 190222, 159111, 191039, 191321, 191514, 192374, 195215, 195269, 195394):  # fmt: skip
+                 190035, 190105, 190222, 159111, 191039, 191321, 191514, 192374, 195215, 195269, 195394,
+                 196207, 196322, 197161):  # fmt: skip
         found = fuzz.judged(seed, list(fuzz.DAMAGE))
         for channel in fuzz.CHANNELS:
             assert found[channel]["outside"] == 0 and found[channel]["no_reading"] == 0, found
