@@ -108,7 +108,8 @@ def _exchanged(temperature: Array, humidity: Array) -> Mask:
     if middle.size % 2:
         moving = read & ~np.array([_stands(values) for values in both])
         fewer = np.flatnonzero(moving.all(axis=0))
-        if (also := _ends(temperature[fewer], humidity[fewer])).size == middle.size + 1:
+        also = _ends(temperature[fewer], humidity[fewer]) if fewer.size > 2 * BESIDE_ROWS else middle
+        if also.size == middle.size + 1:
             middle, rows, read = also, fewer, moving
     if middle.size == 1:
         # the other end may lie where one of them lacks: it holds what it did last
