@@ -127,13 +127,6 @@ def _late_altitude(log: dict[str, Array], rng: Rng) -> None:
     log["altitude_m"] = np.interp(log["time_s"] - rng.uniform(1.0, 4.0), log["time_s"], log["altitude_m"])
 
 
-def _own_wash(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
-    """It sinks through the warm air of its own rotors, which both sensors are in."""
-    sinks = np.gradient(world.altitude_m) < 0.0
-    over = lagged(np.where(sinks, rng.uniform(0.3, 0.8), 0.0), 3.0)
-    return bead + over, humidity * saturation_hpa(world.temperature_c) / saturation_hpa(world.temperature_c + over)
-
-
 def _regained(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
     """The film loses what had settled on it within a minute or so: it reads low at first, and right at last."""
     time = np.arange(bead.size) * FINE_S
@@ -175,7 +168,6 @@ FRESH: dict[str, Callable[[Rng], World]] = {
     "heated film": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _heated_film),
     "radio that fails": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2), _radio),
     "doors, radio fails": lambda r: with_rows(doors(r), _radio),
-    "its own wash": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _own_wash),
     "film regains itself": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _regained),
     "inversion risen": risen,
     "late altitude": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2, True), _late_altitude),

@@ -262,6 +262,13 @@ def _supply(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -
     return bead, humidity * np.where(low, 1.0 - rng.uniform(0.01, 0.03), 1.0)
 
 
+def _own_wash(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """It sinks through the warm air of its own rotors, which both sensors are in."""
+    sinks = np.gradient(world.altitude_m) < 0.0
+    over = lagged(np.where(sinks, rng.uniform(0.3, 0.8), 0.0), 3.0)
+    return bead + over, humidity * saturation_hpa(world.temperature_c) / saturation_hpa(world.temperature_c + over)
+
+
 def long_layers(rng: Rng) -> World:
     """Twenty minutes through layers, for a film slower than a window."""
     time = clock(1200.0)
@@ -335,6 +342,7 @@ KINDS: dict[str, Callable[[Rng], World]] = {
     "icing": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _ice),
     "fan failure": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _no_fan),
     "fan failure, both ways": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _no_fan),
+    "its own wash": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _own_wash),
     "hygrometer warms up": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _warm_logger),
     "supply sags": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _supply),
     "second lag": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _second_lag),

@@ -405,7 +405,7 @@ def compared(
             f"within {100 * known.error:.1g} %, and temperature shows that the air stayed as it was: corrected with "
             "that; characterize the sensor again"
         )
-    air_c = _warmth(flight, bead)
+    air_c, off_k = _warmth(flight, bead), np.zeros(bead.value.shape)
     for channel in (bead, film):
         both = up_and_down(flight, channel, None if channel is bead else air_c)
         if both is not None:
@@ -427,6 +427,8 @@ def compared(
                 widened[channel.name] = wrong
             count = len(notes)
             doubted = _owned(flight, bead, channel, notes)
+            if channel.name == bead.name and len(notes) > count:
+                off_k = np.sqrt(np.maximum(doubted.uncertainty**2 - channel.uncertainty**2, 0.0))
             if both.corrected > WORSE_RATIO * both.read:
                 owned = len(notes) > count or channel.name in widened
                 notes.insert(
@@ -437,7 +439,16 @@ def compared(
                 )
             channel = doubted
         found.append(channel)
-    return found[0], found[1], widened
+    # the hygrometer may stand in what warms the thermometer: its air has the vapour of free air, and not the humidity
+    return found[0], found[1].doubted(_as_humidity(film.value, air_c, off_k)), widened
+
+
+def _as_humidity(percent: Array, air_c: Array | None, off_k: Array) -> Array:
+    """What a temperature that is `off_k` (n,) makes of a humidity (n,) at the air's temperature."""
+    if air_c is None:
+        return np.zeros(percent.shape)
+    moved = np.log(saturation_pressure_hpa(air_c + off_k) / saturation_pressure_hpa(air_c))
+    return np.asarray(np.nan_to_num(percent * moved))
 
 
 def _owned(flight: Flight, bead: FlightChannel, channel: FlightChannel, notes: list[str]) -> FlightChannel:
