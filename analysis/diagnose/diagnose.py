@@ -19,7 +19,6 @@ from shockrig.analysis.checks.finding import InputFinding
 from shockrig.analysis.diagnose.adequacy import describe, judge
 from shockrig.analysis.diagnose.candidates import at_bound
 from shockrig.analysis.diagnose.diagnosed import (
-    LEAST_WEIGHT,
     NO_STEP,
     Cause,
     ChannelDiagnosis,
@@ -302,7 +301,7 @@ def _predicting(
     weight = {id(one): w for one, w in found.predictors}
     log_squares: dict[int, Array] = {}
     if parts:
-        heavy = (one for one, w in found.predictors[:MOST_PREDICTING] if w >= LEAST_WEIGHT)
+        heavy = (one for one, _ in found.predictors[:MOST_PREDICTING])
         among = {id(one): one for one in (*heavy, found.best, found.plain)}
         log_squares = {k: np.log(np.maximum(held_out_squares(parts, m), LEAST_SQUARE)) for k, m in among.items()}
         losses = {k: own.sum() - np.log(max(weight.get(k, 0.0), LEAST_SQUARE)) for k, own in log_squares.items()}
