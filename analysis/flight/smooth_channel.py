@@ -85,6 +85,10 @@ def with_jumps(
     guess = lags_behind(values, track.along, track.period_s, track.broken)
     for number in range(SEARCH_ROUNDS):
         places = _places(track, variance, found.jump_score, known_s if number == 0 else np.zeros((0, 2)))
+        # one that another sensor saw comes first: about it others only seem to be
+        beside = _beside(track, places[:, None], known_s).min(axis=1, initial=np.inf)
+        if number == 0 and (seen_too := beside <= KNOWN_APART * track.period_s).any():
+            places = places[seen_too]
         # one that is somewhere in a gap is one
         known = np.count_nonzero(np.diff(jumps.variance.any(axis=1).astype(int), prepend=0) > 0)
         if known + places.size > MOST_JUMPS:
@@ -122,6 +126,12 @@ def _places(track: Track, variance: Array, score: Array, known_s: Array) -> NDAr
     return np.array(places, dtype=np.int64)
 
 
+def _beside(track: Track, node: NDArray[np.int64] | int, known_s: Array) -> Array:
+    """How long before or behind each of the times `known_s` (j, 2) a node is, or nodes (n, 1): (j,) or (n, j)."""
+    at_s = track.time_s[node]
+    return np.asarray(np.maximum(known_s[:, 0] - at_s, at_s - known_s[:, 1]))
+
+
 def _standing_out(places: NDArray[np.int64], score: Array) -> NDArray[np.int64]:
     """Of the nodes those whose score is comparable with the largest around."""
     size = np.abs(np.nan_to_num(score)).max(axis=1)
@@ -155,8 +165,7 @@ def _best(
     first, last = near - int(np.argmax(read[:near][::-1])), near + int(np.argmax(read[near:]))
     nodes = np.arange(max(first - LOOK_BACK, ends[stretch - 1]), min(last + LOOK_AHEAD, ends[stretch]))
     trials = JumpTrials(jumps, nodes)
-    beside = np.maximum(known_s[:, 0] - track.time_s[near], track.time_s[near] - known_s[:, 1])
-    for first_s, last_s in known_s[beside <= KNOWN_APART * track.period_s].tolist():
+    for first_s, last_s in known_s[_beside(track, near, known_s) <= KNOWN_APART * track.period_s].tolist():
         trials.add_within(track, size[0], first_s, last_s)
     known = len(trials.tried)
     trials.add_around(near, size, track.period_s)
