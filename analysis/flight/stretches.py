@@ -355,7 +355,7 @@ def _between(
             back = size[i] * size[j] < 0 and first[n] - first[k] < count // 2 and (refuted[k] or refuted[n])
             back = back and not goes_on[k]
             if back and (least > swing if moved else abs(after[n] - before[k]) < APART_SHARE * least):
-                away[first[k] : first[n]] = np.ptp(values[first[k] : first[n]]) < least
+                away[first[k] : first[n]] |= np.ptp(values[first[k] : first[n]]) < least
                 alone[[k, n]] = False
                 i = j
             i += 1
