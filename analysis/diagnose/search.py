@@ -141,7 +141,7 @@ class Search:
     pool: tuple[Rated, ...]
     weights: Array
     fits: int
-    predictors: tuple[tuple[Rated, float], ...] = ()
+    predictors: tuple[tuple[Rated, float], ...]
 
     @property
     def ended_early(self) -> bool:
@@ -152,6 +152,10 @@ class Search:
         """Of an effect's being there: the weight of all models that hold its law, however that may depend on things."""
         held = (w for one, w in zip(self.pool, self.weights, strict=True) if one.holds(effect))
         return float(min(sum(held), 1.0))
+
+    def may_state(self, one: Rated) -> bool:
+        """Whether a model is one of the pool; others may predict."""
+        return any(other is one for other in self.pool)
 
     def weight(self, one: Rated) -> float:
         """Of one model."""
@@ -439,7 +443,7 @@ class Race:
         if one.value <= near.value or len(idle) != 1:
             return None
         less = self.without(one, idle[0])
-        return less if sound(less.fit, less.ids - self.fixed) else None
+        return less if self.is_sound(less) else None
 
     def with_one(self, near: Rated, among: Sequence[Candidate]) -> Rated:
         """The better of a model and the best sound one with a candidate more."""
@@ -633,7 +637,7 @@ def _resumed(race: Race, plain: Rated, earlier: Earlier) -> Rated:
     anew = begun_anew(race.problem, plain.fit)
     rates = rough_rates(race.problem, structure, anew, choice)
     begun = race.fitted(structure, Model(race.problem.channel, structure).start(rates, choice), anew)
-    if not sound(begun.fit, begun.ids - race.fixed):
+    if not race.is_sound(begun):
         return plain
     return max(plain, race.pruned(race.keep(race.finished(begun))), key=_value)
 
@@ -650,7 +654,9 @@ def _weighed(race: Race, plain: Rated) -> Search:
     """The pool weighed by its models' predictive densities."""
     among = [one for one in race.pool.values() if one.ids == plain.ids or race.is_sound(one)]
     pool, weight = _heaviest_first(among)
-    predictors = zip(*_heaviest_first([*among, *race.unsound.values()]), strict=True)
+    known = {one.ids for one in among}
+    unsound = (one for one in race.unsound.values() if one.ids not in known)
+    predictors = zip(*_heaviest_first([*among, *unsound]), strict=True)
     found = Search(plain, pool[0], pool, weight, race.fits, tuple((one, float(w)) for one, w in predictors))
     # As many effects are stated as are there with that probability, whichever they are: look-alikes that share the
     # weight of one are one effect, tied; weight that is shared for a second one is no evidence for any. Among models

@@ -309,16 +309,18 @@ def _drift_words(view: ChannelView) -> str:
 
 
 def _rivals(view: ChannelView, figure: list[Figure]) -> list[Block]:
-    search = view.found.search
+    search, carried = view.found.search, view.found.predicting.model
     rows: list[list[Cell]] = []
-    for one, weight in list(zip(search.pool, search.weights, strict=True))[:MOST_MODELS]:
-        if weight < LEAST_WEIGHT and len(rows) >= FEWEST_MODELS:
-            break
+    shown = list(zip(search.pool, search.weights, strict=True))[:MOST_MODELS]
+    shown = [pair for i, pair in enumerate(shown) if pair[1] >= LEAST_WEIGHT or i < FEWEST_MODELS]
+    for one, weight in [*shown, *([] if search.may_state(carried) else [(carried, 0.0)])]:
         effects = " + ".join(label(e) for e in sorted(one.ids - search.plain.ids)) or "the plain model"
         share = f"{100 * weight:.1f} %" if weight >= LEAST_WEIGHT else f"below {plain(100 * LEAST_WEIGHT, 1)} %"
+        if not search.may_state(one):
+            share = "none: too open"
         behind = search.best.score.total - one.score.total
         said = "stated" if one is search.best else worse(behind)
-        said += ", in the profile" if one is view.found.predicting.model is not search.best else ""
+        said += ", in the profile" if one is carried is not search.best else ""
         numbers = [_signed(-behind), _signed(one.log_prior - search.best.log_prior)]
         rows.append([effects, share, said, *numbers, f"{plain(100 * one.score.discrepancy, 2)} %"])
     columns = ("model", "weight", "on unseen runs", "score, nats", "prior, nats", "discrepancy")
@@ -403,7 +405,9 @@ def _material(views: Sequence[ChannelView]) -> list[Block]:
             values = ["–" if r is None else rate_text(view.found.problem.channel, r) for r in (b, a)]
             rows.append([label, *values, change, *times])
         if not (view.found.predicting.causes or view.found.predicting.discovered):
-            blocks.append(Text(f"The {sensor_of(view.found)} carries no effect: both columns are the plain model's."))
+            blocks.append(
+                Text(f"The {sensor_of(view.found)}'s profile has no effect: both columns are the plain model's.")
+            )
         elif view.found.verdict == "unexplained":
             words = f"The {sensor_of(view.found)} is not explained: its values stay effective ones."
             blocks.append(Text(words, "warning"))

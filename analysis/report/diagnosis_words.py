@@ -412,10 +412,10 @@ def predicting_sentence(found: ChannelDiagnosis) -> str:
     if other is best:
         return ""
 
-    weighed = any(one is other for one in found.search.pool)
+    stated_if_sure = found.search.may_state(other)
 
     def words(ids: frozenset[str]) -> str:
-        shares = {e: f" ({100 * found.search.probability(e):.0f} %)" if weighed else "" for e in ids}
+        shares = {e: f" ({100 * found.search.probability(e):.0f} %)" if stated_if_sure else "" for e in ids}
         return listed([label(e) + shares[e] for e in sorted(ids)])
 
     more, less = other.ids - best.ids, best.ids - other.ids
@@ -426,8 +426,8 @@ def predicting_sentence(found: ChannelDiagnosis) -> str:
         stated, own = (plain(error, 2) for error in found.predicting.errors)
         likelier = "" if found.predicting.errors[1] < found.predicting.errors[0] else "It is likelier. "
         why = f"{likelier}In the middle of the runs it misses unseen ones by {own}, not {stated} {UNIT[found.name]}."
-    kind = "is not sure enough to be stated" if weighed else "names no cause, its values being open"
-    return f"The profile carries a model that {kind}, {how}. {why}"
+    kind = "that is not sure enough" if stated_if_sure else "whose values these runs leave too open"
+    return f"The profile carries a model {kind} to be stated, {how}. {why}"
 
 
 def headline(diagnosis: Diagnosis) -> str:

@@ -139,7 +139,7 @@ def test_a_run_that_ends_on_its_way_predicts_another_by_its_shape_though_it_name
     bins = prepare(other).problem
     (plain,), (own,) = run_errors(other, bins, plainly(found.plain)), run_errors(other, bins, found.predicting.fit)
     assert own < 0.25 * plain
-    assert "names no cause, its values being open, with parallel lag" in predicting_sentence(found)
+    assert "whose values these runs leave too open to be stated, with parallel lag" in predicting_sentence(found)
     (effect,) = extended_result(found).effects
     assert effect.effect == "parallel_lag"
 
@@ -152,5 +152,5 @@ def test_where_no_cause_is_named_the_bench_is_not_said_to_be_as_it_should(tmp_pa
     assert found["verdict"] == "unexplained" and found["causes"] == []
     page = (out / "report.html").read_text()
     assert "No cause is named that would say what to do" in page and "do what the plain model says" not in page
-    assert "carries no effect" not in page, "the profile has a share that follows"
+    assert "profile has no effect" not in page and "none: too open" in page, "the profile has a share that follows"
     assert "is not explained: its values stay effective ones" in page
