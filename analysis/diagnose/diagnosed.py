@@ -162,8 +162,9 @@ class Tried:
 
 @dataclass(frozen=True)
 class Predicting:
-    """The model that predicts, and that the profile carries: the stated one, the plain one, or one whose effects are not
-    sure enough to be stated or say nothing of causes, since runs held out speak for it or, with none, Schwarz's criterion.
+    """The model that predicts, and that the profile carries: the stated one, the plain one, or one whose effects
+    are not sure enough to be stated or say nothing of causes. Runs held out speak for it or, with none, Schwarz's
+    criterion.
 
     `causes` and `discovered` are its effects; `errors` [unit] are by how much the stated model and this one miss runs
     held out, geometric means over runs, None where it is the stated one or no run could be held out.
