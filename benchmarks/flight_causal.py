@@ -37,6 +37,7 @@ SETTLED_ROWS = 50
 WRONG = (  # kinds whose profile, or whose sensors, are not as stated
     "D stated 20 % high", "D stated 20 % low", "noise three times", "sun bursts", "icing", "fan failure",
     "second lag", "film in RH", "late die", "logger mean", "hysteresis",
+    "fan failure, both ways", "its own wash", "hygrometer warms up", "supply sags",
 )  # fmt: skip
 
 

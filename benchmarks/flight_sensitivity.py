@@ -25,6 +25,7 @@ from flight_worlds import fly
 from fuzz_flights import WORSE, judged
 from resumed import scored
 
+from shockrig.analysis.flight import causal_bank
 from shockrig.analysis.flight.correct import correct
 from shockrig.files.flight import Flight
 
@@ -70,13 +71,16 @@ class Changed:
         users = [one for title, one in sys.modules.items() if title.startswith("shockrig.analysis.flight.")]
         self.users = [one for one in users if getattr(one, self.name, None) is self.own]
 
-    def __enter__(self) -> None:
+    def _set(self, value: object) -> None:
         for one in self.users:
-            setattr(one, self.name, self.value)
+            setattr(one, self.name, value)
+        causal_bank.moves.cache_clear()  # which keeps what the numbers made
+
+    def __enter__(self) -> None:
+        self._set(self.value)
 
     def __exit__(self, *_: object) -> None:
-        for one in self.users:
-            setattr(one, self.name, self.own)
+        self._set(self.own)
 
 
 def flown(kind: str, seed: int, method: str) -> list[dict]:

@@ -52,10 +52,10 @@ STRENGTH_COUNT = 5  # at which the resolved rate is tabulated
 
 @dataclass(frozen=True)
 class Ladder:
-    """Strengths of the air's course, `turbulence` [unit] of `prior`; its bend [unit / s^1.5] is as large.
+    """Strengths of the air's turbulence [unit of `prior`].
 
-    Two filters stand a factor on either side of a strength that moves between `lowest` and `highest`, a third is always
-    there for a `door`: the air may be another at once.
+    Two filters stand a factor on either side of one between `lowest` and `highest`; `door` is that of a filter for
+    which the air may be another at once, and a share of it the bend of the filter that bends.
     """
 
     lowest: float

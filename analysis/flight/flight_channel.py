@@ -152,7 +152,9 @@ class FlightChannel:
             return self
         first, level = int(np.argmax(steps != 0.0)), np.abs(np.nan_to_num(self.value))
         # it is the same everywhere, or of humidity as the humidity, what gain makes of it
-        of_gain = steps / np.maximum(np.roll(level, 1), np.abs(steps)) if self.name == "humidity" else 0.0 * steps
+        shown = np.maximum(np.abs(np.nan_to_num(np.roll(self.value - self.lag, 1))), np.abs(steps))
+        jumps = (steps != 0.0) & (self.name == "humidity")
+        of_gain = np.divide(steps, shown, out=np.zeros(steps.shape), where=jumps)
         same, gain = (np.cumsum(one) for one in (steps, of_gain))
         off = np.max(
             [np.abs(one - end) * by for one, by in ((same, 1.0), (gain, level)) for end in (0.0, one[-1])], axis=0

@@ -430,8 +430,9 @@ static void mix(bank *b, float step_s) {
 /* One step of straight air. */
 static void advance(bank *b, float step_s, const float *values, const course *c) {
   move m;
-  float q[AIR], total, square[SHOCK_FILTERS], bend[SHOCK_FILTERS], added_to[TURBULENT], work[MOST_STATES][MOST_STATES], x[MOST_STATES], y[MOST_STATES],
-      own[3] = {0.0f, 0.0f, 0.0f}, cube = step_s * step_s * step_s / 3.0f;
+  float q[AIR], total, square[SHOCK_FILTERS], bend[SHOCK_FILTERS], added_to[TURBULENT];
+  float work[MOST_STATES][MOST_STATES], x[MOST_STATES], y[MOST_STATES];
+  float own[3] = {0.0f, 0.0f, 0.0f}, cube = step_s * step_s * step_s / 3.0f;
   uint8_t i, j, f, n = b->d->size, modes = b->d->modes;
   strengths(b, square);
   bends(b, bend);
@@ -509,7 +510,8 @@ static void predict(bank *b, float step_s, const float *values, const course *c)
 }
 
 static void update(bank *b, const float *on, float reading, float noise_variance) {
-  float cost[SHOCK_FILTERS], off[SHOCK_FILTERS], own[SHOCK_FILTERS], low = INFINITY, sum = 0.0f, pc[MOST_STATES], left[MOST_STATES], gain[MOST_STATES];
+  float cost[SHOCK_FILTERS], off[SHOCK_FILTERS], own[SHOCK_FILTERS], low = INFINITY, sum = 0.0f;
+  float pc[MOST_STATES], left[MOST_STATES], gain[MOST_STATES];
   uint8_t f, i, j, n = b->d->size;
   for (f = 0; f < SHOCK_FILTERS; f++) {
     float *mean = b->mean + (size_t)f * n, *p = b->p + f * packed_size(b);

@@ -673,6 +673,14 @@ def test_a_jump_that_neither_air_nor_lag_makes_leaves_open_on_which_side_the_sen
     done = correct(sagging, PROFILE)
     assert [note[:8] for note in done.notes if "the sensor changed" in note] == ["humidity"]
     assert np.mean(np.abs(done.humidity_percent - truth) <= 1.96 * done.humidity_uncertainty_percent) > 0.9
+    # Before: a gap in the readings, or an air without water behind the jump, left no uncertainty at all.
+    for humid in (
+        np.where((row > 149) & (row < 190), np.nan, sagging.humidity_percent),
+        np.where(row < 100, 1.0, 0.3) * log.humidity_percent,
+    ):
+        open_ = correct(dataclasses.replace(log, humidity_percent=humid), PROFILE)
+        known = np.isfinite(open_.humidity_percent)
+        assert known.mean() > 0.9 and np.isfinite(open_.humidity_uncertainty_percent[known]).all()
     # a gap in the temperature may hide a door, which the film's reading follows at once
     hidden = dataclasses.replace(sagging, temperature_c=np.where(np.abs(row - 100) < 10, np.nan, log.temperature_c))
     for one in (log, hidden):
