@@ -49,7 +49,7 @@ from shockrig.files.sentinels import LEAST_JUMP
 
 Array = NDArray[np.float64]
 MOST_STATE_BYTES = 2048
-REST_BYTES = 304  # of a state beside its filters: two guards, the clock, what is held, and padding
+REST_BYTES = 248  # of a state beside its filters and strengths: two guards, the clock, what is held, and padding
 FEWEST_MODES = 2
 TABLES, LUA_TABLES = "/*@TABLES@*/", "@TABLES@"
 C_FILES = ("shock_correct.h", "shock_correct.c", "csv_main.c", "Makefile")
@@ -118,7 +118,7 @@ class _Sensor:
     @property
     def strengths(self) -> tuple[Array, Array]:
         """What is weighed: vapour's turbulence has a usual strength, by the temperature's."""
-        return causal_bank.weighed(self.design.ladder if self.name == "BEAD" else None)
+        return causal_bank.strengths_weighed(self.design.ladder if self.name == "BEAD" else None)
 
     def numbers(self) -> dict[str, float]:
         """By the names of the programs' fields, in their order."""
@@ -154,7 +154,8 @@ def _sensors(design: Design) -> tuple[_Sensor, _Sensor]:
 def state_bytes(design: Design) -> int:
     """Memory that a program needs, at most."""
     sizes = [one.states for one in _sensors(design)]
-    return sum(4 * FILTER_COUNT * (n + n * (n + 1) // 2) for n in sizes) + REST_BYTES
+    floats = sum(FILTER_COUNT * (n + n * (n + 1) // 2) + causal_bank.STRENGTHS_WEIGHED for n in sizes)
+    return 4 * floats + REST_BYTES
 
 
 def c_source(design: Design, profile_name: str, note: str) -> dict[str, str]:

@@ -95,7 +95,7 @@ def half_width(likely: list[float], off: list[float], variance: list[float]) -> 
     return width
 
 
-def weighed(ladder: Ladder | None) -> tuple[Array, Array]:
+def strengths_weighed(ladder: Ladder | None) -> tuple[Array, Array]:
     """Strengths that are weighed, ln over the usual one (STRENGTHS_WEIGHED,), and how likely each is before anything is
     read: of a ladder all alike, about a strength that is known to be usual (None) nearer ones more."""
     if ladder is not None:
@@ -184,7 +184,7 @@ class Bank:
         """Air, slope and lags anywhere within `spread` of a reading; turbulence as it is on the long run, as strong as
         `usual` where that is known."""
         self.usual = self.ladder.middle * self.unit if usual is None else self._possible(usual)
-        self.ln_strengths, self.before = weighed(None if usual is not None else self.ladder)
+        self.ln_strengths, self.before = strengths_weighed(None if usual is not None else self.ladder)
         self.chances = self.before
         self._settle()
         self.likely = np.full(FILTER_COUNT, 1.0 / FILTER_COUNT)

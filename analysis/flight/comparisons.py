@@ -100,7 +100,7 @@ class Layers:
 # apart in the end (structure function as distance^(2/3)). What lies beyond that and beyond the stated uncertainty is
 # the sensor's, or the air's that moved on: it is not known which, and counts as error.
 
-LARGE_SCALES = 3  # degrees of freedom of the mean square difference: so few large scales a flight has
+LARGE_SCALES = 3  # degrees of freedom of the mean square difference, above 2: so few large scales a flight has
 NOT_AS_STATED = 0.2  # probability before the flight is looked at that its sensor, or its air, is not as it is taken
 MOST_TIMES = 100.0  # the variance of what is taken, of such a sensor's or air's, evenly in its logarithm
 LIKELIER_THAN_NOT = 0.5

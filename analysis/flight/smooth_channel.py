@@ -22,7 +22,7 @@ from shockrig.analysis.flight.air_prior import (
 )
 from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.smoother import Jumps
-from shockrig.analysis.flight.stretches import MOST_SHARE, largest_share
+from shockrig.analysis.flight.stretches import MOST_SHARE, largest_beside, largest_share
 from shockrig.analysis.flight.sweep import Sweep, Track, costs, lags_behind, propagated, swept, within_a_step
 
 Array = NDArray[np.float64]
@@ -588,9 +588,7 @@ def _jumped(change: Array, least: float, halfway: bool) -> NDArray[np.bool_]:
     for steps in (1, 2)[: min(1 + halfway, change.size)]:
         one_way = np.lib.stride_tricks.sliding_window_view(change, steps)
         size = np.where(np.abs(np.sign(one_way).sum(axis=1)) == steps, np.abs(one_way.sum(axis=1)), 0.0)
-        beside = np.pad(np.abs(change), (1, 1))
-        beside = np.maximum(beside[: size.size], beside[steps + 1 :])
-        found = (size > least) & (beside < BESIDE_SHARE * size)
+        found = (size > least) & (largest_beside(np.abs(change), steps) < BESIDE_SHARE * size)
         for k in range(steps):
             jumped[k : k + size.size] |= found
     return jumped

@@ -58,6 +58,12 @@ class Felt:
     resolution: float
 
 
+def largest_beside(size: Array, count: int = 1) -> Array:
+    """The larger of the two steps (n,) beside each `count` of them in a row (n - count + 1,); 0 where there is none."""
+    padded = np.pad(size, 1)
+    return np.maximum(padded[: padded.size - count - 1], padded[count + 1 :])
+
+
 def felt_jumps(felt: Felt, time_s: Array) -> Array:
     """Times (j, 2) of the two rows between which another sensor felt the air jump."""
     rows = np.flatnonzero(np.isfinite(felt.reading))
@@ -65,7 +71,7 @@ def felt_jumps(felt: Felt, time_s: Array) -> Array:
     if size.size < WINDOW_ROWS:
         return np.zeros((0, 2))
     least = JUMP_IN_NOISE * np.hypot(np.maximum(felt.noise, scatter(felt.reading[rows])[1:]), felt.resolution)
-    beside = np.maximum(np.append(size[1:], 0.0), np.append(0.0, size[:-1]))
+    beside = largest_beside(size)
     first, last = rows[:-1], rows[1:]
     jumped = (size > least) & (beside < BESIDE_SHARE * size) & (last - first == 1)
     return np.stack([time_s[first[jumped]], time_s[last[jumped]]], axis=1)
@@ -294,7 +300,7 @@ def _elsewhere(
     step, apart = np.diff(values), np.diff(rows)
     size = np.abs(step)
     usual = MAD_TO_SIGMA * float(np.median(size))
-    beside = np.maximum(np.append(size[1:], 0.0), np.append(0.0, size[:-1]))
+    beside = largest_beside(size)
     sudden = np.flatnonzero((size > max(least, JUMP_IN_NOISE * usual)) & (beside < BESIDE_SHARE * size)) + 1
     # over a gap a sensor gets anywhere; one end of a stretch may lie in one
     refuted = (share > MOST_SHARE) | (_within(share, apart[sudden - 1]) <= MOST_SHARE)
@@ -382,7 +388,7 @@ def _unfelt(values: Array, felt: Felt, rows: NDArray[np.int64], least: float) ->
     read beside them, did not feel: a sensor that hides no jump of the air did not see one."""
     step, seen = np.diff(values), np.diff(felt.reading[rows])
     size = np.abs(step)
-    beside = np.maximum(np.append(size[1:], 0.0), np.append(0.0, size[:-1]))
+    beside = largest_beside(size)
     unfelt = np.abs(seen) + JUMP_IN_NOISE * felt.noise < FELT_SHARE * size
     return np.flatnonzero(unfelt & (size > least) & (beside < BESIDE_SHARE * size)) + 1
 

@@ -315,9 +315,8 @@ def _rivals(view: ChannelView, figure: list[Figure]) -> list[Block]:
     shown = [pair for i, pair in enumerate(shown) if pair[1] >= LEAST_WEIGHT or i < FEWEST_MODELS]
     for one, weight in [*shown, *([] if search.may_state(carried) else [(carried, 0.0)])]:
         effects = " + ".join(label(e) for e in sorted(one.ids - search.plain.ids)) or "the plain model"
-        share = f"{100 * weight:.1f} %" if weight >= LEAST_WEIGHT else f"below {plain(100 * LEAST_WEIGHT, 1)} %"
-        if not search.may_state(one):
-            share = "none: too open"
+        little = f"below {plain(100 * LEAST_WEIGHT, 1)} %" if search.may_state(one) else "none: too open"
+        share = f"{100 * weight:.1f} %" if weight >= LEAST_WEIGHT else little
         behind = search.best.score.total - one.score.total
         said = "stated" if one is search.best else worse(behind)
         said += ", in the profile" if one is carried is not search.best else ""
