@@ -6,16 +6,21 @@ task, which is begun again; the outcome of a task whose workers die each time is
 
 from __future__ import annotations
 
+import asyncio
 import importlib
 import importlib.util
+import logging
 import os
+import signal
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from functools import partial
 from multiprocessing import get_context
+from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
 
 from shockrig.files.errors import InputError
@@ -23,7 +28,7 @@ from shockrig.files.errors import InputError
 DEATHS = 3  # of the workers of one task, from which on it is not begun again
 AHEAD = 3  # tasks for each worker that are handed out at a time
 JOINED_WITHIN = "10s"
-LOOKED_AFTER_S = 5.0
+LOOKED_AFTER_S = 0.5
 
 Task = TypeVar("Task")
 Outcome = TypeVar("Outcome")
@@ -109,8 +114,6 @@ def _on_dask(
 @contextmanager
 def _client(distributed: Any, workers: int, scheduler: str | None) -> Iterator[Any]:
     """A Dask client: of a cluster on this machine that ends with it, or of one that is running already."""
-    import logging
-
     import dask
 
     if scheduler is not None:
@@ -134,27 +137,53 @@ def _client(distributed: Any, workers: int, scheduler: str | None) -> Iterator[A
         dask.config.set(settings),
         tempfile.TemporaryDirectory() as scratch,
         distributed.LocalCluster(
-            n_workers=workers,
-            threads_per_worker=1,
+            n_workers=0,
             dashboard_address=":0",  # another fleet may be under way on this machine
-            local_directory=scratch,
             silence_logs=logging.CRITICAL,
         ) as cluster,
         distributed.Client(cluster) as client,
-        _kept_up(cluster, workers),
+        _kept_up(partial(_begun, _serve, cluster.scheduler_address, scratch, settings), workers),
     ):
+        client.wait_for_workers(1)
         yield client
 
 
+def _begun(work: Callable[..., None], *given: Any) -> BaseProcess:
+    process = get_context("spawn").Process(target=work, args=given, daemon=True)
+    process.start()
+    return process
+
+
+def _serve(address: str, scratch: str, settings: dict[str, Any]) -> None:
+    """One of the cluster's workers, until the scheduler has gone."""
+    import dask
+
+    distributed: Any = importlib.import_module("distributed")
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the one that waits for it ends it
+
+    async def serve() -> None:
+        async with distributed.Worker(
+            address, nthreads=1, memory_limit=0, local_directory=scratch, dashboard=False, silence_logs=logging.CRITICAL
+        ) as worker:
+            await worker.finished()
+
+    with dask.config.set(settings):
+        asyncio.run(serve())
+
+
 @contextmanager
-def _kept_up(cluster: Any, workers: int) -> Iterator[None]:
-    """A worker that died and is not back in time, as on a busy machine, is given up by the cluster; in its place
-    another one is begun, or in the end none would be left, and what is waited for would never come."""
+def _kept_up(begun: Callable[[], BaseProcess], count: int) -> Iterator[None]:
+    """So many processes, each begun anew where it has ended. Dask's own nannies give a worker up that is not back in
+    time, as on a busy machine, and may then count it for ever as there: what is waited for would never come."""
     ended = threading.Event()
+    processes = [begun() for _ in range(count)]
 
     def look_after() -> None:
         while not ended.wait(LOOKED_AFTER_S):
-            cluster.scale(workers)
+            for place, process in enumerate(processes):
+                if not process.is_alive():
+                    process.close()
+                    processes[place] = begun()
 
     thread = threading.Thread(target=look_after, daemon=True)
     thread.start()
@@ -163,6 +192,11 @@ def _kept_up(cluster: Any, workers: int) -> Iterator[None]:
     finally:
         ended.set()
         thread.join()
+        for process in processes:
+            process.kill()
+        for process in processes:
+            process.join()
+            process.close()
 
 
 def _on_processes(
