@@ -83,7 +83,6 @@ RULES = (
     Rule("hum taken out", "a hum of the plateaus is taken out first", {f"{D}without_hum": lambda c: (c, None)}),
     Rule("least hum", "a line counts from a quarter of the noise on", {f"{A}LEAST_HUM": 0.0}),
     Rule("bursts", "a reading belongs to a burst from 5.5 sigma on", {f"{A}BURST_SIGMAS": INF}),
-    Rule("noise beside a line", "a line stands on the noise around it", {f"{A}_beside": np.ones_like}),
     Rule("restless", "bursts are described from the plateaus", {f"{D}restless": lambda *_: ()}),
     Rule("nothing else", "a hum or bursts alone are 'described'", {f"{D}nothing_else": _never}),
     Rule("refuted", "a model that runs held out refute is not stated", {f"{D}refuted": _never}),

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
+from scipy import ndimage, special
 
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.estimate.channel import Channel
@@ -38,25 +38,26 @@ KNOTS_S = (0.0, 0.15, 0.4, 1.0, 2.5, 6.0, 15.0, 40.0, 120.0)
 
 @dataclass(frozen=True)
 class Check:
-    """One test: what it looked at, its statistic with degrees of freedom, and its probability under the model.
+    """One test: what it looked at, and its probability under the model.
 
     `rms` is the size of what it found [channel's unit], where it tells one that no run's error shows.
     """
 
     name: str
-    statistic: float
-    degrees: float
     p: float
     rms: float = 0.0
 
 
 @dataclass(frozen=True)
 class Adequacy:
-    """All tests of one fit, their combined probability (Bonferroni), and whether anything is left."""
+    """All tests of one fit."""
 
     checks: tuple[Check, ...]
-    p: float
-    excess: float
+
+    @property
+    def p(self) -> float:
+        """Their combined probability (Bonferroni)."""
+        return min(1.0, self.worst.p * len(self.checks))
 
     @property
     def passed(self) -> bool:
@@ -67,23 +68,18 @@ class Adequacy:
         return min(self.checks, key=lambda c: c.p)
 
     @property
-    def hidden_rms(self) -> float:
-        """Size [channel's unit] of what fails and passes for noise where errors are counted: a slow hum."""
-        return max((c.rms for c in self.checks if c.p * len(self.checks) <= level("adequacy")), default=0.0)
+    def failing(self) -> tuple[Check, ...]:
+        return tuple(c for c in self.checks if c.p * len(self.checks) <= level("adequacy"))
 
     @property
-    def inflation(self) -> float:
-        """By how much the squared misfit of the mean response is above what chance gives; 1 where nothing is left."""
-        response = self.checks[0]
-        return 1.0 if self.passed else max(response.statistic / max(response.degrees, 1.0), 1.0)
+    def hidden_rms(self) -> float:
+        """Size [channel's unit] of what fails and passes for noise where errors are counted: a slow hum."""
+        return max((c.rms for c in self.failing), default=0.0)
 
 
 def judge(problem: Problem, found: Fit, noise: Noise) -> Adequacy:
     """Test what `found` leaves of a problem's data."""
-    response = _response(problem, found)
-    checks = [response, *_deviations(problem, found), *_readings(problem, found, noise)]
-    p = min(1.0, min(c.p for c in checks) * len(checks))
-    return Adequacy(tuple(checks), p, max(response.statistic - response.degrees, 0.0))
+    return Adequacy((_response(problem, found), *_deviations(problem, found), *_readings(problem.channel, noise)))
 
 
 def factors(channel: Channel) -> dict[str, Array]:
@@ -132,7 +128,7 @@ def _response(problem: Problem, found: Fit) -> Check:
     basis = time_basis(problem.channel.time_s, problem.channel.tempo)
     columns = np.concatenate([basis * row[:, None, None] for row in _factor_rows(problem.channel).values()], axis=-1)
     statistic, degrees = _score(*found.scores(problem, problem.whiten(columns)))
-    return Check("mean response", statistic, degrees, float(special.chdtrc(degrees, statistic)))
+    return Check("mean response", float(special.chdtrc(degrees, statistic)))
 
 
 def _score(right: Array, normal: Array) -> tuple[float, int]:
@@ -198,7 +194,7 @@ def _deviations(problem: Problem, found: Fit) -> list[Check]:
     design = design - design.mean(axis=0)
     # Runs that differ a little are no effect; rates that differ by several percent are, whatever makes them differ.
     wide = found.rate_scatter > level("rate_scatter")
-    checks = [Check("scatter of the runs' rate", found.rate_scatter, 1.0, 0.0 if wide else 1.0)]
+    checks = [Check("scatter of the runs' rate", 0.0 if wide else 1.0)]
     for k, name in enumerate(RUN_EFFECT_NAMES[: prior.shape[1]]):
         spread = np.maximum(prior[:, k] - variance[:, k], 0.0)
         told = (spread > 0.2 * prior[:, k]) & recorded[:, k]
@@ -208,8 +204,7 @@ def _deviations(problem: Problem, found: Fit) -> list[Check]:
         if k not in (RunEffect.RATE, RunEffect.STRENGTH):  # these scatters are estimated, those of the others stated
             # Stated uncertainties are good to about a third: the scale of the test is widened by that.
             total, degrees = float((z**2).sum()) / level("stated_scatter"), float(told.sum())
-            p = float(special.chdtrc(degrees, total))
-            checks.append(Check(f"scatter of the runs' {name}", total, degrees, p))
+            checks.append(Check(f"scatter of the runs' {name}", float(special.chdtrc(degrees, total))))
         z = z - z.mean()
         columns = design[told] - design[told].mean(axis=0)
         columns = columns[:, columns.std(axis=0) > 1e-9]
@@ -221,14 +216,15 @@ def _deviations(problem: Problem, found: Fit) -> list[Check]:
         explained = float((z**2).sum()) - left
         degrees = z.size - 1 - rank
         ratio = (explained / rank) / max(left / degrees, 0.3)
-        p = float(special.fdtrc(rank, degrees, ratio))
-        checks.append(Check(f"the runs' {name} against order and condition", ratio, rank, p))
+        checks.append(
+            Check(f"the runs' {name} against order and condition", float(special.fdtrc(rank, degrees, ratio)))
+        )
     return checks
 
 
-def _readings(problem: Problem, found: Fit, noise: Noise) -> list[Check]:
+def _readings(channel: Channel, noise: Noise) -> list[Check]:
     """Bursts and hum in the single readings of the plateaus."""
-    parts = [(t, y) for _, t, y in plateaus(problem.channel)]
+    parts = [(t, y) for _, t, y in plateaus(channel)]
     spread = noise.standard_deviation
     outliers = sum(int((np.abs(y) > BURST_SIGMAS * spread).sum()) for _, y in parts)
     total = sum(y.size for _, y in parts)
@@ -236,8 +232,8 @@ def _readings(problem: Problem, found: Fit, noise: Noise) -> list[Check]:
     if total > 200:
         # A handful of absurd values is what real logs hold; a share of them is a cause.
         p = float(special.pdtrc(outliers - 1, 1.5 + 3e-4 * total)) if outliers else 1.0
-        checks.append(Check(BURSTS, float(outliers), 0, p))
-    lines = [_line(parts, noise, length, problem.channel.sampling_period_s) for length in SPECTRUM_SAMPLES]
+        checks.append(Check(BURSTS, p))
+    lines = [_line(parts, noise, length, channel.sampling_period_s) for length in SPECTRUM_SAMPLES]
     told = [check for check in lines if check is not None]
     return checks + ([min(told, key=lambda check: check.p)] if told else [])
 
@@ -272,7 +268,8 @@ def _line(parts: Sequence[tuple[Array, Array]], noise: Noise, length: int, perio
     # Where the noise is next to nothing (an average's nulls), a little leakage is no line. In long pieces the noise as
     # it is stands beside a line, wherever its model is a little off, and slow noise would hide a slow hum.
     if length > min(SPECTRUM_SAMPLES):
-        floor, scale = 0.1 * float(np.median(expected[inner])), _beside(mean[inner] / expected[inner])
+        scale = ndimage.median_filter(mean[inner] / expected[inner], 2 * BESIDE_FREQUENCIES + 1, mode="mirror")
+        floor = 0.1 * float(np.median(expected[inner]))
     else:
         floor, scale = 0.1 * float(expected.max()), mean[inner].sum() / expected[inner].sum()
     ratio = (mean[inner] / scale + floor) / (expected[inner] + floor)
@@ -285,10 +282,4 @@ def _line(parts: Sequence[tuple[Array, Array]], noise: Noise, length: int, perio
     # Where the noise's own model is a little off, a long piece shows that as a line: one that matters is larger.
     if length > min(SPECTRUM_SAMPLES) and rms < LEAST_HUM * noise.standard_deviation:
         p = 1.0
-    return Check(LINE, peak, 2 * len(spectra), min(1.0, p), rms)
-
-
-def _beside(ratio: Array) -> Array:
-    """Median of a spectrum's ratio to its model over the neighbouring frequencies."""
-    padded = np.pad(ratio, BESIDE_FREQUENCIES, mode="reflect")
-    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * BESIDE_FREQUENCIES + 1), axis=-1))
+    return Check(LINE, min(1.0, p), rms)

@@ -16,7 +16,6 @@ from scipy.optimize import minimize_scalar
 
 from shockrig.analysis.diagnose.adequacy import BURST_SIGMAS, BURSTS, Adequacy, factors, plateaus
 from shockrig.analysis.diagnose.grammar import varied
-from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.estimate.channel import Channel, rebin
 from shockrig.analysis.estimate.noise import estimate_noise
 from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA, rounding_step
@@ -25,40 +24,9 @@ from shockrig.files.diagnosis_data import Discovered, EffectSize
 
 Array = NDArray[np.float64]
 
-# Whole conditions that can be held out: all runs of one airflow, one ambient, one direction, one kind.
-
 SAME_AIRFLOW_LN = 0.1  # of the logarithm of two airflows that are one condition
 LEAST_TRAINED = 6  # runs that are left to fit to
 LEAST_P_VALUE = 1e-3  # of so much by accident, above which a finding is none
-
-
-def held_out(channel: Channel, factors: set[str]) -> Iterator[tuple[str, NDArray[np.bool_]]]:
-    """Names and runs (R,) of the conditions that a description may be tried on."""
-    c, there = channel.conditions, varied(channel)
-    if "airflow" in there:
-        levels = np.round(np.log(np.maximum(c.airflow_m_s, 0.05)) / SAME_AIRFLOW_LN)
-        if np.unique(levels).size > 2 or "airflow" not in factors:
-            for level in np.unique(levels):
-                runs = levels == level
-                if runs.sum() < channel.runs - LEAST_TRAINED:
-                    yield f"airflow {c.airflow_m_s[runs].mean():.2g} m/s", runs
-    if "ambient" in there and channel.quantity.pooled:
-        ambient = np.round(c.destination_c / 2.0)
-        if np.unique(ambient).size > 2 or "ambient" not in factors:
-            for level in np.unique(ambient):
-                yield f"ambient {c.destination_c[ambient == level].mean():.0f} degC", ambient == level
-    if "direction" in there and not factors & {"direction", "humidity"}:
-        up = channel.quantity.step(c) > 0
-        yield "steps upwards", up
-        yield "steps downwards", ~up
-    if "step" in there and "step" not in factors:
-        size = np.abs(channel.quantity.step(c))
-        yield "small steps", size < 0.5 * size.max()
-    if channel.jumps_with_air and channel.isothermal.any() and (~channel.isothermal).any():
-        yield "thermal shocks", ~channel.isothermal
-        yield "isothermal shocks", channel.isothermal
-
-
 LONGEST_S = 60.0  # of a plateau, in one spectrum
 PER_WIDTH = 4  # frequencies in the width of a line
 FINE_FACTOR = 12  # times as many around the one that stands out
@@ -82,19 +50,33 @@ class _Plateau:
     value: Array
 
 
-def _failing(adequacy: Adequacy) -> set[str]:
-    return {c.name for c in adequacy.checks if c.p * len(adequacy.checks) <= level("adequacy")}
+def whole_conditions(channel: Channel) -> Iterator[NDArray[np.bool_]]:
+    """The runs (R,) of each condition that a finding may be tried on: one airflow, ambient, direction or kind."""
+    c, there = channel.conditions, varied(channel)
+    if "airflow" in there:
+        levels = np.round(np.log(np.maximum(c.airflow_m_s, 0.05)) / SAME_AIRFLOW_LN)
+        yield from (levels == one for one in np.unique(levels) if (levels != one).sum() > LEAST_TRAINED)
+    if "ambient" in there and channel.quantity.pooled:
+        ambient = np.round(c.destination_c / 2.0)
+        yield from (ambient == one for one in np.unique(ambient))
+    step = channel.quantity.step(c)
+    if "direction" in there:
+        yield from (step > 0, step <= 0)
+    if "step" in there:
+        yield np.abs(step) < 0.5 * np.abs(step).max()
+    if channel.jumps_with_air and channel.isothermal.any() and (~channel.isothermal).any():
+        yield from (~channel.isothermal, channel.isothermal)
 
 
 def nothing_else(adequacy: Adequacy, found: tuple[Discovered, ...]) -> bool:
     """Whether what was described of single readings is all that the tests say is left."""
-    shown = {BURSTS for _ in found}
-    return bool(shown) and _failing(adequacy) <= shown
+    return bool(found) and {check.name for check in adequacy.failing} <= {BURSTS}
 
 
 def restless(channel: Channel, adequacy: Adequacy) -> tuple[Discovered, ...]:
     """Bursts, where the test of single readings fails and every condition shows them; none elsewhere."""
-    found = _bursts(channel, _pieces(channel)) if BURSTS in _failing(adequacy) else None
+    failing = {check.name for check in adequacy.failing}
+    found = _bursts(channel, _pieces(channel)) if BURSTS in failing else None
     return () if found is None else (found,)
 
 
@@ -218,7 +200,7 @@ def _hum(channel: Channel, pieces: list[_Plateau]) -> Discovered | None:
     squares, _ = _amplitudes(pieces, grid)
     power = squares / np.median(squares, axis=1, keepdims=True)
     run = np.array([p.run for p in pieces])
-    for _, runs in held_out(channel, set()):
+    for runs in whole_conditions(channel):
         test = runs[run]
         if (
             test.sum() >= FEWEST_PLATEAUS
@@ -310,7 +292,7 @@ def _bursts(channel: Channel, pieces: list[_Plateau]) -> Discovered | None:
     far = [np.abs(p.value) > BURST_SIGMAS * max(_spread(p.value), usual) for p in pieces]
     run = np.array([p.run for p in pieces])
     count, outside = np.array([p.value.size for p in pieces]), np.array([int(f.sum()) for f in far])
-    for _, runs in held_out(channel, set()):
+    for runs in whole_conditions(channel):
         test = runs[run]
         expected = 1.5 + EXPECTED_SHARE * count[test].sum()
         if test.sum() >= FEWEST_PLATEAUS and special.pdtrc(outside[test].sum() - 1, expected) > LEAST_P_VALUE:

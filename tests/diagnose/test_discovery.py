@@ -16,7 +16,7 @@ from shockrig.analysis.diagnose.grammar import forms
 from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.diagnose.remainder import Tolerance
 from shockrig.analysis.diagnose.remaining import spectrum
-from shockrig.analysis.diagnose.restless import held_out
+from shockrig.analysis.diagnose.restless import whole_conditions
 from shockrig.analysis.diagnose.search import Race, search
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.behaviours import ONLY_BEFORE, ONLY_FROM, SCATTER, SPREAD, Form, form_of
@@ -366,11 +366,10 @@ def test_a_described_effect_is_extended_with_and_flown_within_what_was_seen(warm
 
 def test_conditions_are_held_out_whole(warm_rates):
     channel = warm_rates.problem.channel
-    named = dict(held_out(channel, set()))
-    assert {"steps upwards", "steps downwards"} <= set(named) and any(name.startswith("ambient") for name in named)
-    for runs in (runs for name, runs in named.items() if name.startswith("ambient")):
-        assert np.ptp(channel.conditions.destination_c[runs]) < 2.0
-    assert "steps upwards" not in dict(held_out(channel, {"direction"}))
+    step, ambient = channel.quantity.step(channel.conditions), channel.conditions.destination_c
+    found = {tuple(runs) for runs in whole_conditions(channel)}
+    assert {tuple(step > 0), tuple(step < 0)} <= found
+    assert {tuple(np.abs(ambient - t) < 1.0) for t in channel.ambients_c} <= found
 
 
 @pytest.mark.trial
