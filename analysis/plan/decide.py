@@ -36,7 +36,7 @@ from shockrig.analysis.plan.decision import (
 from shockrig.analysis.plan.designs import Designs, menu_of
 from shockrig.analysis.plan.evidence import OLD_RUNS_POWER, REJECTED_FROM, student
 from shockrig.analysis.plan.goals import QUANTITY_OF, Goals, Place, place_of, places
-from shockrig.analysis.plan.information import each_run, imagined, nats, rates_known
+from shockrig.analysis.plan.information import apart, each_run, imagined, nats, rates_known
 from shockrig.analysis.plan.judged import ChannelLook, Verdict, diagnosed, extended, look_at
 from shockrig.analysis.plan.minutes import learn, spent_minutes
 from shockrig.analysis.plan.precision import Target, gained_by, measured, targets
@@ -106,22 +106,17 @@ def _if_true_beside(look: ChannelLook, i: int, now: Array, shocks: Sequence[Plan
     assert look.problem is not None and look.noise is not None and look.verdict.dispute is not None
     problem, true = look.problem, look.rivals[i]
     new = imagined(true.on_its_scatters(problem), look.noise, shocks, problem.channel.ambients_c)
-    at_rest = new.channel.at_rest()
     common = frozenset.intersection(*(frozenset(rival.structure.ids) for rival in look.rivals))
     structure, places, _ = _beside(true, common)
-    truth, _ = linearise(new, structure, Point(true.theta[places], at_rest))
+    truth, _ = linearise(new, structure, Point(true.theta[places], new.channel.at_rest()))
     degrees = look.verdict.dispute.degrees(problem.channel.rates)
     found = np.full(len(shocks), -np.inf)
     for j, rival in enumerate(look.rivals):
         if j == i:
             continue
         structure, places, known = _beside(rival, common)
-        there, arrow = linearise(new, structure, Point(rival.theta[places], at_rest))
-        for m, one in enumerate(each_run(arrow)):
-            difference = new.whiten(truth - there)[m : m + 1]
-            right, _ = one.right_sides(difference, at_rest[m : m + 1], np.zeros(len(places)))
-            absorbed = float(right @ np.linalg.lstsq(one.normal + known, right, rcond=None)[0])
-            found[m] = max(found[m], student(0.5 * max(one.hidden(difference) - absorbed, 0.0), degrees))
+        twice, _ = apart(new, truth, structure, rival.theta[places], known)
+        found = np.maximum(found, [student(0.5 * float(x), degrees) for x in twice])
     return found
 
 
@@ -144,8 +139,7 @@ def _if_true(look: ChannelLook, i: int, now: Array, shocks: Sequence[PlannedShoc
     assert look.problem is not None and look.noise is not None and look.verdict.dispute is not None
     problem, true = look.problem, look.rivals[i]
     new = imagined(true.on_its_scatters(problem), look.noise, shocks, problem.channel.ambients_c)
-    at_rest = new.channel.at_rest()
-    truth, own = linearise(new, true.structure, Point(true.theta, at_rest))
+    truth, own = linearise(new, true.structure, Point(true.theta, new.channel.at_rest()))
     every = range(true.theta.size)
     known = true.arrow.normal
     paid = [2.0 * nats(known, known + one.normal - _prior(one), every) for one in each_run(own)]
@@ -155,20 +149,15 @@ def _if_true(look: ChannelLook, i: int, now: Array, shocks: Sequence[PlannedShoc
     for j, rival in enumerate(look.rivals):
         if j == i:
             continue
-        there, arrow = linearise(new, rival.structure, Point(rival.theta, at_rest))
         before = _of_runs(rival.arrow, old)
-        moves = rival.arrow.normal - (1.0 - OLD_RUNS_POWER) * (before.normal - _prior(before))
-        for m, one in enumerate(each_run(arrow)):
-            difference = new.whiten(truth - there)[m : m + 1]
-            right, _ = one.right_sides(difference, at_rest[m : m + 1], np.zeros(rival.theta.size))
-            added = one.normal - _prior(one)
-            absorbed = float(right @ np.linalg.lstsq(moves + added, right, rcond=None)[0])
-            twice = max(one.hidden(difference) - absorbed, 0.0) - paid[m]
-            if old.all():
-                twice += _allowed(added, before.normal - _prior(before), rival.theta.size)
-            so_far = _not_student(float(now[j]), degrees)
-            told = student(so_far + 0.5 * twice, degrees) - float(now[j])
-            found[m] = max(found[m], told)
+        told = before.normal - _prior(before)
+        moves = rival.arrow.normal - (1.0 - OLD_RUNS_POWER) * told - _prior(before)
+        twice, each = apart(new, truth, rival.structure, rival.theta, moves)
+        twice -= paid
+        if old.all():
+            twice += [_allowed(one.normal - _prior(one), told, rival.theta.size) for one in each]
+        so_far = _not_student(float(now[j]), degrees)
+        found = np.maximum(found, [student(so_far + 0.5 * float(x), degrees) - float(now[j]) for x in twice])
     return found
 
 
@@ -296,7 +285,7 @@ def decide(
     anchor = None if campaign is None or not campaign.runs else campaign.runs[0]
     designs = Designs.of(found, looks, wanted, goals, usual, allowed, anchor, population, fleets)
     if not unvaried and not (goals.ties and first) and (ended := ended_by(state, goals, looks)):
-        return _with(state, *ended)
+        return replace(state, status=ended[0], reason=ended[1])
     minutes = learn(campaign)
     if first:
         chosen = [Choice(s, minutes.of(None, s), 0.0, UNTOLD, UNTOLD, UNTOLD) for s in first][:count]
@@ -315,11 +304,13 @@ def decide(
     if goals.ties and campaign and worst and chased < MOST_UNEXPLAINED and not first and not describes:
         chosen, chased = chase(designs, campaign, worst, minutes, chased, count), chased + 1
     if not chosen:
-        return _with(state, INCONCLUSIVE, f"no run of the menu brings what is missing: {missing(state)}")
+        reason = f"no run of the menu brings what is missing: {missing(state)}"
+        return replace(state, status=INCONCLUSIVE, reason=reason)
     chosen, enough = _within(goals, chosen, considered, spent, len(recorded))
     if enough:
-        return _with(state, INCONCLUSIVE, f"{enough}; {missing(state)}", considered=considered)
-    return _with(state, CONTINUE, missing(state), tuple(chosen), considered, chased)
+        return replace(state, status=INCONCLUSIVE, reason=f"{enough}; {missing(state)}", considered=considered)
+    reason, choices = missing(state), tuple(chosen)
+    return replace(state, status=CONTINUE, reason=reason, choices=choices, considered=considered, chased=chased)
 
 
 def _within(
@@ -338,24 +329,6 @@ def _within(
     if not np.isnan(chosen[0].information) and max(c.worth for c in considered) < LEAST_GAIN:
         return [], f"no run brings {100 * LEAST_GAIN:g} % of a goal, and no minutes were given for more"
     return chosen, ""
-
-
-def _with(
-    state: Decision,
-    status: str,
-    reason: str,
-    choices: tuple[Choice, ...] = (),
-    considered: tuple[Choice, ...] = (),
-    chased: int | None = None,
-) -> Decision:
-    return replace(
-        state,
-        status=status,
-        reason=reason,
-        choices=choices,
-        considered=considered,
-        chased=state.chased if chased is None else chased,
-    )
 
 
 def with_due(campaigns: Sequence[Campaign], before: Decision, due: Due | None = None) -> Decision:

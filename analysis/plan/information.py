@@ -22,7 +22,7 @@ from shockrig.analysis.estimate.arrow import Arrow
 from shockrig.analysis.estimate.channel import AMBIENT_WIDTH_K, Channel, bin_means, edges_after_transfer, place
 from shockrig.analysis.estimate.fit import Fit, linearise
 from shockrig.analysis.estimate.gather import TRIGGER_SCATTER_S
-from shockrig.analysis.estimate.model import Point
+from shockrig.analysis.estimate.model import Point, Structure
 from shockrig.analysis.estimate.noise import Noise, whiteners
 from shockrig.analysis.estimate.problem import Problem, make_problem
 from shockrig.analysis.estimate.quantity import HUMIDITY, TEMPERATURE
@@ -270,21 +270,29 @@ def separations(problem: Problem, noise: Noise, true: Fit, rival: Fit, shocks: S
     The rival is free to move as far as the campaign leaves it open. A run that goes where no rate is known yet says
     nothing of either.
     """
-    channel = problem.channel
-    new = imagined(rival.on_its_scatters(problem), noise, shocks, channel.ambients_c)
-    at_rest = new.channel.at_rest()
-    truth = true.model.on(new.channel).predict(Point(true.theta, at_rest))[0]
-    there, arrow = linearise(new, rival.structure, Point(rival.theta, at_rest))
-    difference = new.whiten(truth - there)
-    prior, nothing = np.diag(arrow.prior_weight), np.zeros(rival.theta.size)
-    known = rival.arrow.normal
-    found = np.zeros(len(shocks))
-    for i, one in enumerate(each_run(arrow)):
+    new = imagined(rival.on_its_scatters(problem), noise, shocks, problem.channel.ambients_c)
+    truth = true.model.on(new.channel).predict(Point(true.theta, new.channel.at_rest()))[0]
+    known = rival.arrow.normal - np.diag(rival.arrow.prior_weight)
+    found, _ = apart(new, truth, rival.structure, rival.theta, known)
+    return found * rates_known(problem.channel, shocks)
+
+
+def apart(new: Problem, truth: Array, structure: Structure, theta: Array, known: Array) -> tuple[Array, list[Arrow]]:
+    """How far (M,) readings `truth` of imagined runs are from a rival's, and the normal equations of each run alone.
+
+    Squared, in standard deviations; less what the run's random effects could hide, and the rival's parameters `theta`
+    as far as their priors and a precision `known` (P, P) leave them open.
+    """
+    at_rest, nothing = new.channel.at_rest(), np.zeros(theta.size)
+    there, arrow = linearise(new, structure, Point(theta, at_rest))
+    difference, each = new.whiten(truth - there), each_run(arrow)
+    found = np.zeros(len(each))
+    for i, one in enumerate(each):
         own = difference[i : i + 1]
         right, _ = one.right_sides(own, at_rest[i : i + 1], nothing)
-        absorbed = float(right @ np.linalg.lstsq(known + one.normal - prior, right, rcond=None)[0])
+        absorbed = float(right @ np.linalg.lstsq(known + one.normal, right, rcond=None)[0])
         found[i] = max(one.hidden(own) - absorbed, 0.0)
-    return found * rates_known(channel, shocks)
+    return found, each
 
 
 def rates_known(channel: Channel, shocks: Sequence[PlannedShock]) -> NDArray[np.bool_]:

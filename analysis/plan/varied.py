@@ -11,7 +11,7 @@ from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.quantity import QUANTITIES
 from shockrig.analysis.plan.goals import Goals, Place
 from shockrig.analysis.plan.judged import ChannelLook
-from shockrig.analysis.plan.minutes import airs_of_run
+from shockrig.analysis.plan.minutes import airs_of_run, recorded_s
 from shockrig.analysis.plan.shock import SHORTEST_S, USUAL_C, PlannedShock, Surroundings, Usual
 from shockrig.files.campaign import Campaign, Run
 
@@ -83,14 +83,13 @@ def shock_of(run: Run) -> PlannedShock | None:
     airs = airs_of_run(run)
     if airs is None:
         return None
-    last_s = max((float(t.time_s[-1]) for t in (run.imet, run.hyt) if t is not None and t.time_s.size), default=0.0)
     return PlannedShock(
         float(round(airs[0])),
         float(round(airs[1])),
         float(round(airs[2])),
         float(round(airs[3])),
         PlannedShock.airflow_m_s if run.airflow_m_s is None else round(run.airflow_m_s, 2),
-        float(round(max(last_s - (run.start_s or 0.0), SHORTEST_S))),
+        float(round(max(recorded_s(run) - (run.start_s or 0.0), SHORTEST_S))),
         None,
         round(run.pressure_hpa, 2),
         float(run.extra.get("irradiance_w_m2") or 0.0),
