@@ -21,7 +21,7 @@ from shockrig.analysis.estimate.effect import (
     Values,
     Words,
 )
-from shockrig.analysis.estimate.model import OWN_AIR
+from shockrig.analysis.estimate.model import air_known_to
 from shockrig.analysis.physics.air_exchange import REFERENCE_C
 from shockrig.analysis.physics.chain import Chain
 
@@ -154,13 +154,11 @@ REFERENCE_SIGMAS = 3.0  # standard uncertainties of the references' own calibrat
 
 def _no_more_than_the_references(channel: Channel, values: Values) -> bool:
     """Whether a reading is nowhere in the campaign's airs further off than the references may be themselves."""
-    if channel.common is None:
-        return False
     source, destination = (getattr(channel.conditions, name) for name in channel.quantity.air_fields)
     traces = [channel.trace_of(air) for air in channel.air if air is not None]
     airs = np.concatenate([source[~channel.measured], destination[~channel.measured], *traces])
     off = float(np.abs(values["gain"] * airs + values["offset"]).max())
-    return off < REFERENCE_SIGMAS * float(getattr(channel.common, OWN_AIR[channel.name]))
+    return off < REFERENCE_SIGMAS * air_known_to(channel)
 
 
 CALIBRATION_ERROR = Effect(

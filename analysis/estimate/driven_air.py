@@ -62,6 +62,7 @@ MOST_BENDING = 0.5  # of the noise of a bin's mean: how much a bin may bend
 FASTER_PART = 3.0  # a response is taken to have a part that is so much faster than the whole
 QUIET_SIGMAS = 3.0  # times the noise: less of a departure is none
 MOST_BINS = 400
+NO_NOISE = 3.0  # standard deviations from which on a difference is none of the noise
 TRACE_POINTS = 2  # of a measured air in each bin
 EARLY_SHARE = 0.05  # of the time constant: first readings, from which little is forgotten
 UNSETTLED_NOISE, UNSETTLED_SHARE = 6.0, 0.02  # times the noise, share of the readings' range: a smaller excess is none
@@ -181,17 +182,36 @@ def averaged_over(air: MeasuredAir, edges: Array) -> MeasuredAir:
     parts = np.linspace(0.0, 1.0, TRACE_POINTS, endpoint=False)
     finer = (edges[:-1, None] + parts * np.diff(edges)[:, None]).ravel()
     _, group = np.unique(np.searchsorted(finer, air.time_s, side="right"), return_inverse=True)
-    count = np.bincount(group)
+    count = np.bincount(group).astype(float)
 
     def mean(values: Array) -> Array:
         return np.asarray(np.bincount(group, values) / count)
 
+    time_s = mean(air.time_s)
     return replace(
         air,
-        time_s=mean(air.time_s),
-        temperature_c=mean(air.temperature_c),
-        humidity_percent=mean(air.humidity_percent),
+        time_s=time_s,
+        temperature_c=without_noise(time_s, mean(air.temperature_c), count),
+        humidity_percent=without_noise(time_s, mean(air.humidity_percent), count),
     )
+
+
+def without_noise(time_s: Array, values: Array, count: Array) -> Array:
+    """A trace, means of `count` samples each, as smooth as cross validation says that the air was (Wahba 1990, doi
+    10.1137/1.9781611970128): a spline of least curvature. Where the air jumped no spline follows it: no further
+    from the trace than noise goes.
+
+    A response that is smoother than the sensor's passes less of a reference's noise, predicts better for it, and would
+    be taken for the sensor's.
+    """
+    from scipy.interpolate import make_smoothing_spline  # likewise
+
+    noise = trace_noise(values) * np.sqrt(np.median(count) / count)
+    if not (noise > 0.0).all():
+        return values
+    scale = (time_s[-1] - time_s[0]) / time_s.size
+    smooth = np.asarray(make_smoothing_spline(time_s / scale, values, w=count)(time_s / scale))
+    return np.clip(smooth, values - NO_NOISE * noise, values + NO_NOISE * noise)
 
 
 def begun_unsettled(air: MeasuredAir, first_s: float, temperature_k: float, humidity_percent: float) -> MeasuredAir:

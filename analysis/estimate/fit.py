@@ -215,8 +215,7 @@ def _linearise(problem: Problem, model: Model, point: Point, hold_theta: bool = 
             rates : rates + free
         ]
         for k, one in enumerate(model.shared, start=rates + free):
-            common = sum(run_jacobian[..., effect] for effect in one.moves)
-            jacobian[..., k] = common * one.acts(channel)[:, None]
+            jacobian[..., k] = sum(run_jacobian[..., effect] * on[:, None] for effect, on in one.moves.items())
     return Linearised(point, f[0], jacobian, run_jacobian, whitened[..., count] - base, mute.sum(axis=1))
 
 

@@ -36,30 +36,41 @@ MOST_SIGMAS = 3.0
 
 @dataclass(frozen=True)
 class Shared:
-    """A common error that is fitted along: its key in campaign.json, its standard uncertainty, what it moves."""
+    """A common error that is fitted along: its key in campaign.json, its standard uncertainty, which random effects it
+    moves, and of each of them 1 for runs (R,) in which it does and 0 for others."""
 
     name: str
     standard_uncertainty: float
-    moves: tuple[RunEffect, ...]
-
-    def acts(self, channel: Channel) -> Array:
-        """1 for runs (R,) that it moves, 0 for others: one that nobody triggered, one whose airs nobody recorded."""
-        air = channel.conditions
-        known = air.start_known & ~channel.measured if self.name == TRIGGER else air.airs_known
-        return np.asarray(known, dtype=float)
+    moves: Mapping[RunEffect, NDArray[np.bool_]]
 
 
 def shared(channel: Channel) -> tuple[Shared, ...]:
-    """The common errors that a model of the channel has in theta; none where the campaign states none."""
-    stated = channel.common
-    if stated is None:
-        return ()
-    air = OWN_AIR[channel.name]
-    both = (RunEffect.SOURCE, RunEffect.DESTINATION)
-    found = [Shared(air, getattr(stated, air), both)]
-    if stated.trigger_offset_s > LEAST_TRIGGER_OFFSET_S:
-        found.insert(0, Shared(TRIGGER, stated.trigger_offset_s, (RunEffect.START,)))
+    """The common errors that a model of the channel has in theta: those that the campaign states, and without a
+    statement what the reference beside the probes is known to, which is one instrument in all runs.
+
+    A trigger is not late in runs that nobody triggered, nor an air off that nobody recorded.
+    """
+    stated, air, measured = channel.common, channel.conditions, channel.measured
+    known = air.airs_known & ~measured & (stated is not None)
+    found = [
+        Shared(
+            OWN_AIR[channel.name],
+            air_known_to(channel),
+            {RunEffect.SOURCE: known | measured, RunEffect.DESTINATION: known},
+        )
+    ]
+    if stated is not None and stated.trigger_offset_s > LEAST_TRIGGER_OFFSET_S:
+        found.insert(0, Shared(TRIGGER, stated.trigger_offset_s, {RunEffect.START: air.start_known & ~measured}))
     return tuple(one for one in found if one.standard_uncertainty > 0)
+
+
+def air_known_to(channel: Channel) -> float:
+    """What all of a campaign's airs may be off by alike, a standard uncertainty in the channel's unit; 0 where nothing
+    is stated of it."""
+    if channel.common is not None:
+        return float(getattr(channel.common, OWN_AIR[channel.name]))
+    of_reference = getattr(channel.conditions, f"{channel.quantity.air_fields[0]}_scatter")[channel.measured]
+    return float(np.median(of_reference)) if of_reference.size else 0.0
 
 
 def _warmer(channel: Channel, by_k: float) -> Channel:
@@ -342,8 +353,8 @@ class Model:
             return deviations
         moved = np.broadcast_to(deviations, (max(theta.shape[0], deviations.shape[0]), *deviations.shape[1:])).copy()
         for one, off in zip(self.shared, theta.T[self.behind], strict=True):
-            for effect in one.moves:
-                moved[..., effect] += off[:, None] * one.acts(self.channel)
+            for effect, where in one.moves.items():
+                moved[..., effect] += off[:, None] * where
         return np.asarray(moved)
 
     def predict(self, point: Point) -> Array:

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from foreign_lab import Arrival, Lab, LabLogger, LabRun, Written, make_body, record
+from foreign_worlds import draw
 
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.effects import CATALOGUE
@@ -31,6 +32,22 @@ def test_a_slow_share_beside_a_lump_is_found_whichever_is_called_the_body(t63_s,
     told, uncertainty = found.causes[0].parameters["fraction"]
     assert told == pytest.approx(fraction, abs=max(3 * uncertainty, 0.003))
     assert found.gain.explained_fraction > 0.99
+
+
+def test_what_passes_less_of_a_reference_s_noise_is_not_taken_for_the_sensor(tmp_path):
+    """A film in a chamber of 47 s, its air measured with more noise than it has itself. Before: two bodies were named,
+    which respond more smoothly, by 100 nats."""
+    record(draw("chamber_air", 565).bench, 565, tmp_path / "campaign")
+    found = diagnose_channel(build_channel(read_campaign(tmp_path / "campaign"), "humidity"))
+    assert found.verdict == "adequate" and not found.causes
+
+
+def test_what_its_reference_is_off_by_in_all_runs_is_not_the_sensor_s(tmp_path):
+    """A reference known to 0.05 K gives every air 0.116 K too high. Before: the sensor's calibration was off (0.87)."""
+    record(draw("chamber_60", 566).bench, 566, tmp_path / "campaign")
+    found = diagnose_channel(build_channel(read_campaign(tmp_path / "campaign"), "temperature"))
+    assert found.verdict == "adequate" and not found.causes
+    assert found.search.plain.fit.theta[-1] == pytest.approx(-0.116, abs=0.02)
 
 
 def test_a_lump_is_no_lag_before_a_body_that_follows_at_once(tmp_path):

@@ -108,3 +108,17 @@ def test_an_air_averaged_over_the_bins_drives_alike():
     exact, found = (respond(modes, a.time_s, a.temperature_c, time) for a in (measured(time, air), thin))
     assert thin.time_s.size < 0.1 * time.size
     assert np.sqrt(np.mean((found - exact) ** 2)) < 0.3 * NOISE_K
+
+
+def test_a_noisy_air_is_as_smooth_as_the_air_was_and_a_jump_stays_one():
+    rng = np.random.default_rng(4)
+    time = np.arange(0.0, 200.0, 0.5)
+    edges = np.arange(-0.25, 200.5, 0.5)
+    ramp = FROM_C + 5.0 * np.clip((time - 60.0) / 50.0, 0.0, 1.0)
+    found = averaged_over(measured(time, ramp + rng.normal(0.0, NOISE_K, time.size)), edges).temperature_c
+    assert np.sqrt(np.mean((found - ramp) ** 2)) < 0.5 * NOISE_K
+    jump = np.where(time < 60.0, FROM_C, FROM_C + 5.0)
+    found = averaged_over(measured(time, jump + rng.normal(0.0, NOISE_K, time.size)), edges).temperature_c
+    assert np.abs(found - jump).max() < 4.0 * NOISE_K
+    still = np.full(time.size, FROM_C)
+    assert np.array_equal(averaged_over(measured(time, still), edges).temperature_c, still)
