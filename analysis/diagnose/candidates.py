@@ -165,16 +165,12 @@ def at_bound(effect: Effect, values: Mapping[str, float]) -> tuple[str, ...]:
     return tuple(out)
 
 
-def says_nothing(effect: Effect, parameters: Mapping[str, tuple[float, float]]) -> str:
-    """Why a fitted effect says nothing: at the end of its range, or anywhere in it. Empty where it says something."""
-    ends = at_bound(effect, {name: value for name, (value, _) in parameters.items()})
-    if ends:
-        return f"its {ends[0]} stands at the end of its range"
-    for parameter in effect.parameters:
-        value, spread = parameters[parameter.name]
-        if parameter.log and not parameter.ends_say and spread > level("anything") * abs(value):
-            return f"its {parameter.name} may be anything"
-    return ""
+def says_nothing(effect: Effect, parameters: Mapping[str, tuple[float, float]]) -> bool:
+    """Whether a parameter of a fitted effect stands at the end of its range, or may be anything in it."""
+    if at_bound(effect, {name: value for name, (value, _) in parameters.items()}):
+        return True
+    open_ = (parameter for parameter in effect.parameters if parameter.log and not parameter.ends_say)
+    return any(parameters[p.name][1] > level("anything") * abs(parameters[p.name][0]) for p in open_)
 
 
 def refused(found: Fit, effect: Effect) -> bool:

@@ -9,7 +9,7 @@ With J the sensitivities to theta, U those to a run's random effects, L^-1 their
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -64,6 +64,21 @@ class Arrow:
         tall, flat = (x.reshape(-1, x.shape[-1]) for x in (self.jacobian, coupled))
         reduced = tall.T @ tall - flat.T @ solved.reshape(flat.shape)
         return np.asarray(reduced + np.diag(self.prior_weight))
+
+    @property
+    def told(self) -> Array:
+        """The normal matrix without what is known before any reading (P, P)."""
+        return self.normal - np.diag(self.prior_weight)
+
+    def of_runs(self, runs: slice | NDArray[np.bool_]) -> Arrow:
+        """The equations of some of the runs alone."""
+        return replace(
+            self, jacobian=self.jacobian[runs], run_jacobian=self.run_jacobian[runs], weight=self.weight[runs]
+        )
+
+    def each_run(self) -> list[Arrow]:
+        """The equations of each run alone."""
+        return [self.of_runs(slice(i, i + 1)) for i in range(self.weight.shape[0])]
 
     def right_sides(self, residual: Array, deviations: Array, pull: Array) -> tuple[Array, Array]:
         """Right side of theta (P,), and the runs' steps at an unmoved theta (R, U).

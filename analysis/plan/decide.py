@@ -19,8 +19,7 @@ from shockrig.analysis.characterize.result import Characterization
 from shockrig.analysis.checks.campaign_checks import checked
 from shockrig.analysis.diagnose.diagnosed import ChannelOutcome
 from shockrig.analysis.diagnose.grammar import MOST_RUNS
-from shockrig.analysis.estimate.arrow import Arrow
-from shockrig.analysis.estimate.fit import Fit, linearise
+from shockrig.analysis.estimate.fit import Fit, apart, linearise
 from shockrig.analysis.estimate.model import Point, Structure
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, looked_for
 from shockrig.analysis.fleet.fleet_prior import WithFleet, with_population
@@ -36,7 +35,7 @@ from shockrig.analysis.plan.decision import (
 from shockrig.analysis.plan.designs import Designs, menu_of
 from shockrig.analysis.plan.evidence import OLD_RUNS_POWER, REJECTED_FROM, student
 from shockrig.analysis.plan.goals import QUANTITY_OF, Goals, Place, place_of, places
-from shockrig.analysis.plan.information import apart, each_run, imagined, nats, rates_known
+from shockrig.analysis.plan.information import imagined, nats, rates_known
 from shockrig.analysis.plan.judged import ChannelLook, Verdict, diagnosed, extended, look_at
 from shockrig.analysis.plan.minutes import learn, spent_minutes
 from shockrig.analysis.plan.precision import Target, gained_by, measured, targets
@@ -142,20 +141,19 @@ def _if_true(look: ChannelLook, i: int, now: Array, shocks: Sequence[PlannedShoc
     truth, own = linearise(new, true.structure, Point(true.theta, new.channel.at_rest()))
     every = range(true.theta.size)
     known = true.arrow.normal
-    paid = [2.0 * nats(known, known + one.normal - _prior(one), every) for one in each_run(own)]
+    paid = [2.0 * nats(known, known + one.told, every) for one in own.each_run()]
     old = np.isin(problem.channel.run_ids, look.verdict.dispute.runs)
     degrees = look.verdict.dispute.degrees(problem.channel.rates)
     found = np.full(len(shocks), -np.inf)
     for j, rival in enumerate(look.rivals):
         if j == i:
             continue
-        before = _of_runs(rival.arrow, old)
-        told = before.normal - _prior(before)
-        moves = rival.arrow.normal - (1.0 - OLD_RUNS_POWER) * told - _prior(before)
+        told = rival.arrow.of_runs(old).told
+        moves = rival.arrow.told - (1.0 - OLD_RUNS_POWER) * told
         twice, each = apart(new, truth, rival.structure, rival.theta, moves)
         twice -= paid
         if old.all():
-            twice += [_allowed(one.normal - _prior(one), told, rival.theta.size) for one in each]
+            twice += [_allowed(one.told, told, rival.theta.size) for one in each]
         so_far = _not_student(float(now[j]), degrees)
         found = np.maximum(found, [student(so_far + 0.5 * float(x), degrees) - float(now[j]) for x in twice])
     return found
@@ -168,14 +166,6 @@ def _allowed(added: Array, old: Array, free: int) -> float:
     inverse = np.linalg.pinv(new + OLD_RUNS_POWER * then, rcond=1e-11, hermitian=True)
     fitted = float(np.trace(inverse @ (new + OLD_RUNS_POWER**2 * then)))
     return OLD_RUNS_POWER * free - fitted + free * float(np.log1p(-OLD_RUNS_POWER))
-
-
-def _of_runs(arrow: Arrow, runs: NDArray[np.bool_]) -> Arrow:
-    return replace(arrow, **{name: getattr(arrow, name)[runs] for name in ("jacobian", "run_jacobian", "weight")})
-
-
-def _prior(arrow: Arrow) -> Array:
-    return np.diag(arrow.prior_weight)
 
 
 def _not_student(said: float, degrees: int) -> float:

@@ -18,11 +18,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.estimate.arrow import Arrow
+from shockrig.analysis.diagnose.experiments import DIE_S
 from shockrig.analysis.estimate.channel import AMBIENT_WIDTH_K, Channel, bin_means, edges_after_transfer, place
-from shockrig.analysis.estimate.fit import Fit, linearise
+from shockrig.analysis.estimate.fit import Fit, apart, linearise
 from shockrig.analysis.estimate.gather import TRIGGER_SCATTER_S
-from shockrig.analysis.estimate.model import Point, Structure
+from shockrig.analysis.estimate.model import Point
 from shockrig.analysis.estimate.noise import Noise, whiteners
 from shockrig.analysis.estimate.problem import Problem, make_problem
 from shockrig.analysis.estimate.quantity import HUMIDITY, TEMPERATURE
@@ -33,8 +33,6 @@ Array = NDArray[np.float64]
 
 # Runs that have not been made, as a channel and a problem: their conditions, sampling, bins and noise.
 
-DIE_S = 10.0  # time constant with which a HYT-271's die follows the air, about
-
 
 def imagined(problem: Problem, noise: Noise, shocks: Sequence[PlannedShock], ambients_c: Array) -> Problem:
     """A problem of one run for each shock, on the ambients `ambients_c` (G,) of the rates that are fitted.
@@ -42,54 +40,31 @@ def imagined(problem: Problem, noise: Noise, shocks: Sequence[PlannedShock], amb
     Readings are place-holders: what such runs would say does not depend on them.
     """
     like = problem.channel
-    longest_s = max(shock.dwell_s + (shock.transfer_s or 0.0) for shock in shocks)
-    edges = edges_after_transfer(-LEAD_S, longest_s, like.sampling_period_s, like.tempo)
-    kinds: dict[float, int] = {}
-    samples: list[tuple[Array, Array]] = []
-    for shock in shocks:
-        last_s = shock.dwell_s + (shock.transfer_s or 0.0)
-        if last_s not in kinds:
-            kinds[last_s] = len(samples)
-            time = np.arange(-LEAD_S + 0.5 * like.sampling_period_s, last_s, like.sampling_period_s)
-            samples.append((time, np.zeros(time.size)))
-    of_kind = np.array([kinds[shock.dwell_s + (shock.transfer_s or 0.0)] for shock in shocks])
+    lasts_s = [shock.dwell_s + (shock.transfer_s or 0.0) for shock in shocks]
+    period_s = like.sampling_period_s
+    edges = edges_after_transfer(-LEAD_S, max(lasts_s), period_s, like.tempo)
+    times = [np.arange(-LEAD_S + 0.5 * period_s, last_s, period_s) for last_s in lasts_s]
+    samples = tuple((time, np.zeros(time.size)) for time in times)
     bin_of = place(samples, edges, np.full(len(samples), TRIGGER_SCATTER_S))
-    time, value, count = bin_means([t for t, _ in samples], [y for _, y in samples], bin_of)
+    time, value, count = bin_means(times, [y for _, y in samples], bin_of)
     conditions = _conditions(like.conditions, shocks)
     ambient = np.array(
         [0 if like.quantity.pooled else int(np.argmin(np.abs(ambients_c - s.destination_c))) for s in shocks]
     )
     weights = np.zeros((len(shocks), ambients_c.size))
     weights[np.arange(len(shocks)), ambient] = 1.0
-    forms = replace(
+    left = np.exp(-np.maximum(time, 0.0) / DIE_S)
+    die = conditions.destination_c[:, None] - conditions.thermal_step_k[:, None] * left
+    channel = replace(
         like,
-        run_ids=tuple(f"kind {i}" for i in range(len(samples))),
+        run_ids=tuple(f"imagined {i}" for i in range(len(shocks))),
         time_s=time,
         value=value,
         count=count,
-        samples=tuple(samples),
+        samples=samples,
         bin_of=bin_of,
-        die_c=np.zeros_like(time),
-        die_samples=(),
-        air=(None,) * len(samples),
-        conditions=conditions.select(np.array([int(np.argmax(of_kind == i)) for i in range(len(samples))])),
-        ambient=np.zeros(len(samples), dtype=int),
-        interpolation=weights[: len(samples)],
-        wet_until_s=np.full(len(samples), np.nan),
-    )
-    whitener = whiteners(forms, noise)[of_kind]
-    since = np.maximum(time[of_kind], 0.0)
-    left = np.where(time[of_kind] > 0, np.exp(-since / DIE_S), 1.0)
-    die = conditions.destination_c[:, None] - conditions.thermal_step_k[:, None] * left
-    channel = replace(
-        forms,
-        run_ids=tuple(f"imagined {i}" for i in range(len(shocks))),
-        time_s=time[of_kind],
-        value=value[of_kind],
-        count=count[of_kind],
-        samples=tuple(samples[k] for k in of_kind),
-        bin_of=tuple(bin_of[k] for k in of_kind),
         die_c=die if like.quantity is HUMIDITY else np.full_like(die, np.nan),
+        die_samples=(),
         air=(None,) * len(shocks),
         conditions=conditions,
         ambient=ambient,
@@ -97,7 +72,7 @@ def imagined(problem: Problem, noise: Noise, shocks: Sequence[PlannedShock], amb
         interpolation=weights,
         wet_until_s=np.full(len(shocks), np.nan),
     )
-    return make_problem(channel, whitener, problem.rate_scatter)
+    return make_problem(channel, whiteners(channel, noise), problem.rate_scatter)
 
 
 def _conditions(like: Conditions, shocks: Sequence[PlannedShock]) -> Conditions:
@@ -217,18 +192,12 @@ def gained(problem: Problem, found: Fit, runs: NDArray[np.bool_], places: Sequen
     bins = (problem.channel.count > 0).sum(axis=1) - arrow.weight.shape[1]
     own_noise = np.sqrt((problem.whiten(found.residual) ** 2).sum(axis=1) / np.maximum(bins, 1))
     scale = 1.0 / np.maximum(own_noise[runs], 1e-3)[:, None, None]
-    stated = replace(
-        arrow,
-        jacobian=arrow.jacobian[runs],
-        run_jacobian=arrow.run_jacobian[runs],
-        weight=arrow.weight[runs],
-        prior_weight=np.zeros_like(arrow.prior_weight),
-    )
+    stated = arrow.of_runs(runs)
     own = replace(stated, jacobian=scale * stated.jacobian, run_jacobian=scale * stated.run_jacobian)
     known = np.zeros(found.theta.size)
     known[found.model.rates] = 1.0 / NOT_KNOWN**2
-    before = arrow.normal - stated.normal + np.diag(known)
-    return nats(before, before + own.normal, places)
+    before = arrow.normal - stated.told + np.diag(known)
+    return nats(before, before + own.told, places)
 
 
 def information(
@@ -250,18 +219,10 @@ def information(
         theta[new] = rates_at(channel.ambients_c, found.theta[rates], ambients[new])
     imaginary = imagined(found.on_its_scatters(problem), noise, shocks, ambients)
     _, arrow = linearise(imaginary, found.structure, Point(theta, imaginary.channel.at_rest()))
-    prior = np.diag(found.model.on(imaginary.channel).priors()[1])
-    added = np.stack([one.normal - prior for one in each_run(arrow)])
+    added = np.stack([one.told for one in arrow.each_run()])
     spread = np.diag(found.covariance)[rates] - np.diag(found.arrow.covariance())[rates]
     floor = np.concatenate([np.maximum(spread, 0.0), np.full(more, float(np.median(np.maximum(spread, 0.0))))])
     return Information(ambients, known, added, floor)
-
-
-def each_run(arrow: Arrow) -> list[Arrow]:
-    """The normal equations of each run alone."""
-    runs = range(arrow.jacobian.shape[0])
-    parts = ("jacobian", "run_jacobian", "weight")
-    return [replace(arrow, **{name: getattr(arrow, name)[i : i + 1] for name in parts}) for i in runs]
 
 
 def separations(problem: Problem, noise: Noise, true: Fit, rival: Fit, shocks: Sequence[PlannedShock]) -> Array:
@@ -272,27 +233,8 @@ def separations(problem: Problem, noise: Noise, true: Fit, rival: Fit, shocks: S
     """
     new = imagined(rival.on_its_scatters(problem), noise, shocks, problem.channel.ambients_c)
     truth = true.model.on(new.channel).predict(Point(true.theta, new.channel.at_rest()))[0]
-    known = rival.arrow.normal - np.diag(rival.arrow.prior_weight)
-    found, _ = apart(new, truth, rival.structure, rival.theta, known)
+    found, _ = apart(new, truth, rival.structure, rival.theta, rival.arrow.told)
     return found * rates_known(problem.channel, shocks)
-
-
-def apart(new: Problem, truth: Array, structure: Structure, theta: Array, known: Array) -> tuple[Array, list[Arrow]]:
-    """How far (M,) readings `truth` of imagined runs are from a rival's, and the normal equations of each run alone.
-
-    Squared, in standard deviations; less what the run's random effects could hide, and the rival's parameters `theta`
-    as far as their priors and a precision `known` (P, P) leave them open.
-    """
-    at_rest, nothing = new.channel.at_rest(), np.zeros(theta.size)
-    there, arrow = linearise(new, structure, Point(theta, at_rest))
-    difference, each = new.whiten(truth - there), each_run(arrow)
-    found = np.zeros(len(each))
-    for i, one in enumerate(each):
-        own = difference[i : i + 1]
-        right, _ = one.right_sides(own, at_rest[i : i + 1], nothing)
-        absorbed = float(right @ np.linalg.lstsq(known + one.normal, right, rcond=None)[0])
-        found[i] = max(one.hidden(own) - absorbed, 0.0)
-    return found, each
 
 
 def rates_known(channel: Channel, shocks: Sequence[PlannedShock]) -> NDArray[np.bool_]:

@@ -284,8 +284,8 @@ def test_a_strength_that_is_there_one_way_alone_says_something(warm_rates):
     """An end of a ratio of directions is an answer; that of a time constant is none."""
     effect = described(Form("added_rate", "none", (("direction", "ratio"),)).key, False)
     values = {"size": (0.3, 0.01), "time_constant_s": (4.0, 0.1)}
-    assert says_nothing(effect, values | {"direction": (20.0, 400.0)}) == ""
-    assert says_nothing(effect, values | {"direction": (1.5, 0.1), "time_constant_s": (SLOWEST_S, 3.0)}) != ""
+    assert not says_nothing(effect, values | {"direction": (20.0, 400.0)})
+    assert says_nothing(effect, values | {"direction": (1.5, 0.1), "time_constant_s": (SLOWEST_S, 3.0)})
 
 
 def test_a_form_is_held_by_what_depends_on_more_and_not_the_other_way_round(warm_rates):
