@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import Fit, apart
 from shockrig.analysis.estimate.gather import TRIGGER_SCATTER_S
-from shockrig.analysis.estimate.model import Point
+from shockrig.analysis.estimate.model import Point, common_beside
 from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.physics.air_exchange import Conditions
 
@@ -160,6 +160,7 @@ def hypothetical(problem: Problem, run: Planned) -> Problem:
     new = replace(
         one.channel,
         conditions=conditions,
+        common=common_beside(channel),
         air=(None,),
         interpolation=weights,
         die_c=die if np.isfinite(channel.die_c).any() else one.channel.die_c,

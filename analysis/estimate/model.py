@@ -23,6 +23,7 @@ from shockrig.analysis.estimate.effect import Effect, Parameter
 from shockrig.analysis.estimate.quantity import RunEffect
 from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.physics.chain import Chain, MeasuredAir, evaluate
+from shockrig.files.common_uncertainty import CommonUncertainty
 
 # A trigger is good to 10 ms from run to run; this much of it may be the same in every run, whatever is stated: it is
 # no more than the sensors' own lines and buses are late, and no fit can see it.
@@ -71,6 +72,13 @@ def air_known_to(channel: Channel) -> float:
         return float(getattr(channel.common, OWN_AIR[channel.name]))
     of_reference = getattr(channel.conditions, f"{channel.quantity.air_fields[0]}_scatter")[channel.measured]
     return float(np.median(of_reference)) if of_reference.size else 0.0
+
+
+def common_beside(channel: Channel) -> CommonUncertainty:
+    """The common errors of a channel's models as a campaign states them: runs to come are made beside the same bench
+    and reference."""
+    known = air_known_to(channel)
+    return channel.common or CommonUncertainty(known, known, 0.0, 0.0, 0.0, 0.0)
 
 
 def _warmer(channel: Channel, by_k: float) -> Channel:

@@ -22,7 +22,7 @@ from shockrig.analysis.diagnose.experiments import DIE_S
 from shockrig.analysis.estimate.channel import AMBIENT_WIDTH_K, Channel, bin_means, edges_after_transfer, place
 from shockrig.analysis.estimate.fit import Fit, apart, linearise
 from shockrig.analysis.estimate.gather import TRIGGER_SCATTER_S
-from shockrig.analysis.estimate.model import Point
+from shockrig.analysis.estimate.model import Point, common_beside
 from shockrig.analysis.estimate.noise import Noise, whiteners
 from shockrig.analysis.estimate.problem import Problem, make_problem
 from shockrig.analysis.estimate.quantity import HUMIDITY, TEMPERATURE
@@ -67,6 +67,7 @@ def imagined(problem: Problem, noise: Noise, shocks: Sequence[PlannedShock], amb
         die_samples=(),
         air=(None,) * len(shocks),
         conditions=conditions,
+        common=common_beside(like),
         ambient=ambient,
         ambients_c=ambients_c,
         interpolation=weights,
