@@ -23,6 +23,7 @@ from shockrig.analysis.flight.flight_channel import (
     held,
     judged,
     lacking,
+    own_changes,
     too_few,
     untouched,
 )
@@ -139,7 +140,7 @@ def correct(
     film, known, said = _humidity(part, profile, stream, around, bead, solve, cutoff_hz, humidity_noise_percent)
     notes.extend(said)
     bead, film = seen_by_film(part, bead, film, notes)
-    bead, film = (one.as_it_changed(part.time_s, bead.screened, notes) for one in (bead, film))
+    bead, film = (one.as_it_changed(part.time_s, notes) for one in (bead, film))
     bead, film, widened = compared(part, bead, film, notes, known)
     slow_against_fast(part, bead, notes)
     slower = {} if known is None else {film.name: known.slower}
@@ -232,12 +233,14 @@ def _temperature(
     climb = climb_m_s(flight)
     notes.extend(not_undone(part.effects, "temperature", part.discovered, *[climb_unknown] * (climb is None)))
     plain = undone(effects, raw, stream, part.bead_radius_m, period)
+    change = own_changes(raw, screened, screened)
+    jumped = np.zeros(raw.shape) if change is None else change.offset / plain.gain
     variance = (np.hypot(noise * screened.louder, screened.resolution / np.sqrt(12)) / plain.gain) ** 2
     steps = coarse(screened.resolution, noise, 1.0 / plain.gain)
     readings = FlightReadings(
         "temperature",
         time_s,
-        plain.reading,
+        plain.reading - jumped,
         screened.usable,
         response,
         variance,
@@ -249,8 +252,9 @@ def _temperature(
     found = solve(readings, cutoff_hz)
     everywhere = np.ones(raw.size)
     outside = unseen(part.discovered, stream.airflow_m_s, raw)
-    channel = judged(readings, found, plain, screened, outside, raw, everywhere, notes)
-    channel = held(channel, readings, raw, everywhere, notes)
+    channel = judged(readings, found, plain, screened, outside, raw - jumped, everywhere, notes)
+    channel = held(channel, readings, raw - jumped, everywhere, notes)
+    channel = replace(channel, value=np.where(channel.raw, raw, channel.value + jumped), changed=change)
     left = not_known(effects)
     channel = replace(channel, uncertainty=np.hypot(channel.uncertainty, left), common=np.hypot(channel.common, left))
     return replace(channel, carried=carried(effects, climb, flight.airspeed_m_s))

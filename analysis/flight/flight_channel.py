@@ -76,6 +76,41 @@ class FlightReadings:
 
 
 @dataclass(frozen=True)
+class Changed:
+    """A sensor that changed: the `steps` (n,) that its readings made by it, at the first row behind each, and their
+    `factor` (n,) over what they were at first, of a sensor whose gain it is."""
+
+    steps: Array
+    factor: Array
+
+    @property
+    def offset(self) -> Array:
+        """How far (n,) readings are from what they were at first, if that is the same everywhere."""
+        return np.cumsum(self.steps)
+
+    def leaves_open(self, value: Array) -> Array:
+        """How far (n,) the air is at most from its `value` (n,), if the sensor was right at any other time."""
+        off = [np.abs(self.offset - end) for end in (self.offset.min(), self.offset.max())]
+        off += [np.abs(value * (end / self.factor - 1.0)) for end in (self.factor.min(), self.factor.max())]
+        return np.max(off, axis=0)
+
+
+def own_changes(raw: Array, screened: Screened, around: Screened, least: float | None = None) -> Changed | None:
+    """How a sensor that read `raw` (n,) changed, None where it did not; if by its gain, what is below `least` says
+    nothing of that. A film jumps with the air's temperature, so that has to be known (`around`) where it does; and a
+    reading that is repeated catches up in a jump."""
+    known = screened.usable & around.usable
+    steps = np.where(known & np.roll(known, 1), screened.own_steps, 0.0)
+    if not steps.any():
+        return None
+    factor = np.ones(raw.shape)
+    if least is not None:
+        jumps = np.flatnonzero(steps)
+        factor[jumps] = np.maximum(raw[jumps], least) / np.maximum(raw[jumps - 1], least)
+    return Changed(steps, np.asarray(np.cumprod(factor)))
+
+
+@dataclass(frozen=True)
 class FlightChannel:
     """One channel corrected, arrays (n,).
 
@@ -105,6 +140,8 @@ class FlightChannel:
         How far the temperature has moved by itself, which a film did not see [K].
     carried : Carried or None
         What the carrier adds to the air around the sensor, and is in `value`.
+    changed : Changed or None
+        How the sensor itself did.
     """
 
     name: str
@@ -122,6 +159,7 @@ class FlightChannel:
     response: LagResponse | None = None
     temperature_alone: Array | None = None
     carried: Carried | None = None
+    changed: Changed | None = None
 
     @property
     def total_uncertainty(self) -> Array:
@@ -143,28 +181,18 @@ class FlightChannel:
         more = np.where(self.raw, 0.0, by)
         return replace(self, uncertainty=np.hypot(self.uncertainty, more), common=np.hypot(self.common, more))
 
-    def as_it_changed(self, time_s: Array, around: Screened, notes: list[str]) -> FlightChannel:
-        """The same, as unsure as the sensor itself has changed in jumps: nothing tells on which side it was right. A
-        film jumps with the air's temperature, so that has to be known (`around`) where it does."""
-        steps = np.broadcast_to(self.screened.own_steps, self.value.shape)
-        steps = np.where(around.usable & np.roll(around.usable, 1), steps, 0.0)
-        if not steps.any():
+    def as_it_changed(self, time_s: Array, notes: list[str]) -> FlightChannel:
+        """The same, as unsure as the sensor itself has changed: nothing tells when it was right."""
+        if self.changed is None:
             return self
-        first, level = int(np.argmax(steps != 0.0)), np.abs(np.nan_to_num(self.value))
-        # it is the same everywhere, or of humidity as the humidity, what gain makes of it
-        shown = np.maximum(np.abs(np.nan_to_num(np.roll(self.value - self.lag, 1))), np.abs(steps))
-        jumps = (steps != 0.0) & (self.name == "humidity")
-        of_gain = np.divide(steps, shown, out=np.zeros(steps.shape), where=jumps)
-        same, gain = (np.cumsum(one) for one in (steps, of_gain))
-        off = np.max(
-            [np.abs(one - end) * by for one, by in ((same, 1.0), (gain, level)) for end in (0.0, one[-1])], axis=0
-        )
+        jumps, unit = np.flatnonzero(self.changed.steps), "%RH" if self.name == "humidity" else "K"
+        more = f", {counted(jumps.size - 1, 'more jump')} behind it" if jumps.size > 1 else ""
         notes.append(
-            f"{self.name}: at {time_s[first]:.10g} s the reading jumps by {steps[first]:.2g}, which no air makes it do "
-            "behind its lag: the sensor changed (its supply, a converter's range); nothing tells on which side it was "
-            "right, and uncertainties are widened by that"
+            f"{self.name}: at {time_s[jumps[0]]:.10g} s the reading jumps by {self.changed.steps[jumps[0]]:.2g} {unit}"
+            f"{more}, which no air makes it do behind its lag: the sensor changed (its supply, a converter's range); "
+            "nothing tells on which side it was right, and uncertainties are widened by that"
         )
-        return self.doubted(off / np.sqrt(2.0))
+        return self.doubted(self.changed.leaves_open(np.nan_to_num(self.value)) / np.sqrt(2.0))
 
     def in_free_air(self, time_s: Array) -> FlightChannel:
         """The same without what the carrier adds. Where that begins and ends, half of it is unsure for as long as the

@@ -25,6 +25,7 @@ from shockrig.analysis.flight.flight_channel import (
     held,
     judged,
     lacking,
+    own_changes,
     slope,
     too_few,
     untouched,
@@ -319,6 +320,10 @@ def _through_vapour(
     own_es = saturation_pressure_hpa(own)
     held_es = own_es**activity * saturation_pressure_hpa(REFERENCE_C) ** (1.0 - activity)
     to_vapour, from_vapour = own_es / held_es, held_es / saturation_pressure_hpa(now) * np.exp(-drift)
+    # the gain of a film that changed: the air's vapour runs on where its readings jump
+    change = own_changes(raw, screened, bead.screened, LEAST_PERCENT)
+    if change is not None:
+        to_vapour, from_vapour = to_vapour / change.factor, from_vapour * change.factor
     if plain.delay_s:
         response = film.respond(air)
     if told is not None:
@@ -340,7 +345,7 @@ def _through_vapour(
     parts = [unsure_film_k, unsure_activity * moving_k]
     parts += [bead.carried.uncertainty] if bead.carried is not None else []
     channel = _in_all(channel, of_air, not_known(film.effects), now, np.sqrt(sum(np.square(part) for part in parts)))
-    return replace(channel, temperature_alone=alone)
+    return replace(channel, temperature_alone=alone, changed=change)
 
 
 def _of_vapour(
