@@ -7,7 +7,7 @@ for every model; errors are over single samples.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -131,6 +131,18 @@ UNTOLD_SIGMA = 0.2  # standard uncertainty of ln rate from which a training part
 
 
 @dataclass(frozen=True)
+class HeldOut:
+    """Residuals [channel's unit] of runs held out at their samples, but for those amid the air's jump: time since the
+    transfer, and what the plain model leaves, and the one with the causes found."""
+
+    runs: tuple[int, ...] = ()
+    run_ids: tuple[str, ...] = ()
+    time_s: tuple[Array, ...] = ()
+    before: tuple[Array, ...] = ()
+    after: tuple[Array, ...] = ()
+
+
+@dataclass(frozen=True)
 class Gain:
     """Held-out errors [K or %RH] over the samples after the transfer, before and after, and what share is explained.
 
@@ -143,6 +155,8 @@ class Gain:
         Of that share in the next campaign of the same plan.
     run_before, run_after : ndarray (R,)
         Mean squares of single runs; NaN where a run could not be held out.
+    held : HeldOut
+        What they are the errors of.
     """
 
     before: float
@@ -152,6 +166,7 @@ class Gain:
     interval_95: tuple[float, float]
     run_before: Array
     run_after: Array
+    held: HeldOut = HeldOut()
 
     @property
     def measured(self) -> bool:
@@ -186,7 +201,7 @@ class HeldOutPart:
     """One fold: which runs the models are fitted to, and which of the others, `test`, they predict.
 
     `held` and `bins` are the latter's readings. `plain` is the plain model fitted to the former, `value` its value
-    there [nats]; `squares` are the mean square errors of the latter under it, without what single readings have
+    there [nats]; `residuals` (R, n) are those of the latter under it, without what single readings have
     shown. `fits` are other models fitted to the former so far, by the identity of the fit to all, which they keep
     alive.
     """
@@ -197,7 +212,7 @@ class HeldOutPart:
     bump: Array
     plain: Fit
     value: float
-    squares: Array
+    residuals: Array
     held: Channel
     bins: Problem
     fits: dict[int, tuple[Rated, float, Fit]] = field(default_factory=dict)
@@ -208,9 +223,9 @@ class HeldOutPart:
             self.fits[id(model)] = (model, *_fitted(self.part, self.bump, model, model.fit.structure, self.train))
         return self.fits[id(model)][1:]
 
-    def errors(self, found: Fit) -> Array:
-        """Mean square error of each run held out under a fit."""
-        return run_errors(self.held, self.bins, found)
+    def residuals_under(self, found: Fit) -> Array:
+        """Residuals (R, n) of each run held out under a fit."""
+        return held_out_residuals(self.held, self.bins, found)
 
 
 def held_out_parts(channel: Channel, problem: Problem, plain: Rated) -> list[HeldOutPart]:
@@ -234,8 +249,8 @@ def held_out_parts(channel: Channel, problem: Problem, plain: Rated) -> list[Hel
         test = test[told[channel.ambient[test]]]
         if test.size:
             held, bins = channel.select(test), problem.select(test)
-            squares = run_errors(held, bins, plainly(simple))
-            found.append(HeldOutPart(train, test, part, bump, simple, value, squares, held, bins))
+            residuals = held_out_residuals(held, bins, plainly(simple))
+            found.append(HeldOutPart(train, test, part, bump, simple, value, residuals, held, bins))
     return found
 
 
@@ -244,19 +259,33 @@ def measure_gain(channel: Channel, parts: Sequence[HeldOutPart], base: Structure
     from itself, itself less one effect, and the plain one, by the search's own score.
     """
     before, after = np.full(channel.runs, np.nan), np.full(channel.runs, np.nan)
-    added = [e for e in best.fit.structure.ids if e not in base.ids]
+    left: dict[int, tuple[Array, Array]] = {}
+    whole = best.fit.structure
+    added = [e for e in whole.ids if e not in base.ids]
     for one in parts:
-        before[one.test] = after[one.test] = one.squares
-        if not best.fit.structure.ids:
-            continue
-        whole = best.fit.structure
-        smaller = [whole.dropping(e) for e in added] if len(added) > 1 else []
-        tried = [one.fitted(best)]
-        tried += [_fitted(one.part, one.bump, best, structure, one.train) for structure in smaller]
-        tried.append((one.value, one.plain))
-        _, chosen = max(tried, key=lambda found: found[0])
-        after[one.test] = one.errors(chosen)
-    return summarise(before, after, noise.while_moving, kinds(channel))
+        under_chosen = one.residuals
+        if whole.ids:
+            smaller = [whole.dropping(e) for e in added] if len(added) > 1 else []
+            tried = [one.fitted(best)]
+            tried += [_fitted(one.part, one.bump, best, structure, one.train) for structure in smaller]
+            tried.append((one.value, one.plain))
+            under_chosen = one.residuals_under(max(tried, key=lambda found: found[0])[1])
+        before[one.test], after[one.test] = mean_squares(one.residuals), mean_squares(under_chosen)
+        left |= dict(zip(one.test.tolist(), zip(one.residuals, under_chosen, strict=True), strict=True))
+    return replace(summarise(before, after, noise.while_moving, kinds(channel)), held=_as_held_out(channel, left))
+
+
+def _as_held_out(channel: Channel, left: Mapping[int, tuple[Array, Array]]) -> HeldOut:
+    """Residuals of runs, before and after, at the samples at which both are known."""
+    runs, times, sides = sorted(left), list[Array](), list[tuple[Array, ...]]()
+    for run in runs:
+        time, _ = channel.samples[run]
+        both = np.array(left[run])[:, : time.size]
+        known = np.isfinite(both).all(axis=0)
+        times.append(time[known])
+        sides.append(tuple(both[:, known]))
+    before, after = (tuple(side[k] for side in sides) for k in range(2))
+    return HeldOut(tuple(runs), tuple(channel.run_ids[i] for i in runs), tuple(times), before, after)
 
 
 def held_out_squares(parts: Sequence[HeldOutPart], model: Rated) -> Array:
@@ -265,11 +294,11 @@ def held_out_squares(parts: Sequence[HeldOutPart], model: Rated) -> Array:
     for one in parts:
         own, found = model.fit.structure, one.plain
         if not own.ids:
-            squares.append(one.squares)
+            squares.append(mean_squares(one.residuals))
             continue
         if own.ids != found.structure.ids:
             _, found = one.fitted(model)
-        squares.append(one.errors(found))
+        squares.append(mean_squares(one.residuals_under(found)))
     return np.concatenate(squares)
 
 
@@ -293,7 +322,18 @@ def plainly(found: Fit) -> Fit:
 
 
 def run_errors(held: Channel, bins: Problem, found: Fit) -> Array:
-    """Mean square error of each held run [unit^2], sample by sample.
+    """Mean square error of each held run [unit^2], sample by sample."""
+    return mean_squares(held_out_residuals(held, bins, found))
+
+
+def mean_squares(residuals: Array) -> Array:
+    """Of each run's residuals (R, n) that are known."""
+    return np.asarray(np.nansum(residuals**2, axis=1) / np.maximum(np.isfinite(residuals).sum(axis=1), 1))
+
+
+def held_out_residuals(held: Channel, bins: Problem, found: Fit) -> Array:
+    """What a fit to other runs leaves of each held run at its samples (R, n) [unit]; NaN amid the air's jump and beyond
+    a run's last sample.
 
     The model's parameters are those of `found`; a run's own start and airs are placed where they fit best within what
     is stated of them (`bins` holds the run's data for that).
@@ -301,9 +341,10 @@ def run_errors(held: Channel, bins: Problem, found: Fit) -> Array:
     deviations = placed(bins, found)
     samples = as_single_samples(held, _dated(held, found.structure))
     chain = found.model.on(samples).chain(Point(found.theta[None], deviations[None]))
-    counted = samples.count * ~at_jump(chain)
-    squares = (samples.value - evaluate(chain, held.quantity.reading)[0]) ** 2
-    return np.asarray((counted * squares).sum(axis=1) / np.maximum(counted.sum(axis=1), 1))
+    told = (samples.count > 0) & ~at_jump(chain)
+    # A model that has no value misses by more than any.
+    predicted = np.nan_to_num(evaluate(chain, held.quantity.reading)[0], nan=np.inf, posinf=np.inf, neginf=-np.inf)
+    return np.where(told, samples.value - predicted, np.nan)
 
 
 def _dated(channel: Channel, structure: Structure) -> list[Array]:

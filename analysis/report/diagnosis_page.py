@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis, Diagnosis, correlations
-from shockrig.analysis.diagnose.held_out import autocorrelation, drifts, size
+from shockrig.analysis.diagnose.held_out import autocorrelation, size
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.described import entry_of
@@ -37,7 +37,7 @@ from shockrig.analysis.report.diagnosis_words import (
     values_text,
     worse,
 )
-from shockrig.analysis.report.fitted import UNIT, rate_label, rate_text, relative_runs
+from shockrig.analysis.report.fitted import UNIT, drifts, rate_label, rate_text, relative_runs
 from shockrig.analysis.report.html import (
     Block,
     Cell,
@@ -167,13 +167,13 @@ def _channel(view: ChannelView) -> list[Block]:
         caption = f"What was tried, helps the fit, and is not named: a name takes a probability of {level('named'):g}"
         blocks.append(Table(("effect", "why not"), rows, caption))
     blocks += figure("before_after")
-    if view.held.run_ids:
+    if found.gain.measured:
         blocks.append(Text(_size_words(view)))
     blocks += figure("residuals")
     extended = figure("residuals_extended")
     if extended:
         blocks.append(Details("The same under the extended model", extended))
-    if view.held.run_ids:
+    if found.gain.measured:
         blocks += [Text(_noise_words(view)), *figure("autocorrelation")]
     blocks += [Text(_drift_words(view)), *figure("by_condition")]
     extended = figure("by_condition_extended")
@@ -228,7 +228,7 @@ def _size_words(view: ChannelView) -> str:
     noise, accuracy = found.noise.standard_deviation, ACCURACY[found.name]
 
     def words(model: str, residuals: tuple[NDArray[np.float64], ...]) -> str:
-        s = size(view.held, residuals)
+        s = size(view.found.gain.held, residuals)
         return (
             f"From {FIRST_LOG_BIN_S} s after the transfer on, the {model} model misses runs that it was not fitted to "
             f"by {plain(s.rms, 2)} {unit} rms: {plain(s.rms / noise, 2)} times the noise, "
@@ -237,9 +237,9 @@ def _size_words(view: ChannelView) -> str:
             f"{plain(s.peak_time_s, 2)} s after the transfer of run {s.peak_run}."
         )
 
-    text = words("plain", view.held.before)
+    text = words("plain", view.found.gain.held.before)
     if found.final.structure.effects:
-        text += "\n\n" + words("extended", view.held.after)
+        text += "\n\n" + words("extended", view.found.gain.held.after)
     return text
 
 
@@ -252,10 +252,10 @@ def _noise_words(view: ChannelView) -> str:
         f"One reading's noise is {plain(noise.standard_deviation, 2)} {unit}, estimated from the plateaus before any "
         f"model; from one reading to the next it is correlated by {_coefficient(share)}. "
     )
-    before = float(autocorrelation(view.held, view.held.before, period, 1)[0][0])
+    before = float(autocorrelation(view.found.gain.held, view.found.gain.held.before, period, 1)[0][0])
     text += f"What the plain model leaves is correlated by {_coefficient(before)}"
     if found.final.structure.effects:
-        after = float(autocorrelation(view.held, view.held.after, period, 1)[0][0])
+        after = float(autocorrelation(view.found.gain.held, view.found.gain.held.after, period, 1)[0][0])
         text += f", what the extended model leaves by {_coefficient(after)}"
     verdict = found.plain_adequacy.passed
     text += (

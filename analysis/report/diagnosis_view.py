@@ -12,7 +12,8 @@ import numpy as np
 from shockrig.analysis.characterize.result import ChannelResult
 from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis
 from shockrig.analysis.diagnose.extended import extended_result, plain_result
-from shockrig.analysis.diagnose.held_out import HeldOut, autocorrelation, held_out
+from shockrig.analysis.diagnose.gain import HeldOut
+from shockrig.analysis.diagnose.held_out import autocorrelation
 from shockrig.analysis.diagnose.remaining import MeanCourse, Remaining, remaining
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.estimate.seen import little_known, seen
@@ -93,7 +94,6 @@ class Compared:
 class ChannelView(Compared):
     """One channel's diagnosis with all that the page shows of it; `figures` are name -> (file, caption, alt)."""
 
-    held: HeldOut
     figures: Mapping[str, tuple[Path, str, str]]
 
 
@@ -103,21 +103,21 @@ def compare(found: ChannelDiagnosis) -> Compared:
 
 
 def look_at(compared: Compared, folder: Path) -> ChannelView:
-    """Predict the runs held out, draw the channel's plots into `folder`."""
+    """Draw the channel's plots into `folder`."""
     found, before, after = compared.found, compared.plain, compared.extended
-    held, figures = held_out(found), {}
-    for name, (drawing, caption, alt) in _draw(found, before, after, held).items():
+    figures = {}
+    for name, (drawing, caption, alt) in _draw(found, before, after).items():
         figures[name] = (save_figure(drawing, folder, f"{found.name}_{name}"), caption, alt)
-    return ChannelView(found, before, after, held, figures)
+    return ChannelView(found, before, after, figures)
 
 
 Figures = dict[str, tuple["Drawing", str, str]]  # name -> (figure, caption, alt)
 
 
-def _draw(found: ChannelDiagnosis, before: ChannelResult | None, after: ChannelResult | None, held: HeldOut) -> Figures:
+def _draw(found: ChannelDiagnosis, before: ChannelResult | None, after: ChannelResult | None) -> Figures:
     figures = _of_what_is_seen(found)
-    if held.run_ids:
-        figures |= _of_held_out(found, held)
+    if found.gain.measured:
+        figures |= _of_held_out(found, found.gain.held)
     figures |= _of_single_runs(found, before, after)
     scores = _evidence(found)
     if scores:
@@ -166,9 +166,9 @@ def _of_held_out(found: ChannelDiagnosis, held: HeldOut) -> Figures:
             drawings.before_after(
                 [drawings.BeforeAfter(*run) for run in both], unit, noise, (found.gain.before, found.gain.after)
             ),
-            "Each run under models that were fitted without it: the plain one, and the one with the causes found. "
-            "Means in log time; grey: two standard deviations of one reading's noise. The errors in the titles are "
-            "from the nested trial, in which the model, or a part of it, was chosen without the runs held out.",
+            "Each run under models that were fitted without it: the plain one, and the one with the causes found, or "
+            "as much of it as the other runs bear out. Means in log time; grey: two standard deviations of one "
+            "reading's noise.",
             f"Held-out residuals of the {sensor} before and after the model was extended",
         )
     figures["residuals"] = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -97,6 +97,64 @@ def relative_runs(found: ChannelResult) -> list[RunParameter]:
         for r in single_runs(found)
         if r.run in joint
     ]
+
+
+@dataclass(frozen=True)
+class Drift:
+    """How a single run's diffusivity moves with a condition that it should not depend on.
+
+    `change` is relative, from the lowest to the highest value in the campaign, the other conditions held; `sigmas` is
+    that over its standard uncertainty, the scatter of the runs counted.
+    """
+
+    condition: str
+    change: float
+    sigmas: float
+
+    @property
+    def moves(self) -> bool:
+        return abs(self.sigmas) > 4.0
+
+
+def drifts(runs: Sequence[RunParameter], result: ChannelResult) -> list[Drift]:
+    """Regression of the single runs' ln D on airflow, direction, amplitude and ambient, all at once.
+
+    Conditions that did not vary, or that the campaign varied only together with others, are left out.
+    """
+    columns = {
+        "airflow": np.array([np.log(r.airflow_m_s) if r.airflow_m_s else np.nan for r in runs]),
+        "direction": np.array([1.0 if r.direction == "up" else 0.0 for r in runs]),
+        "amplitude": np.array([r.amplitude for r in runs], dtype=float),
+    }
+    if result.channel.quantity.pooled:
+        columns["ambient"] = np.array([r.ambient_c for r in runs], dtype=float)
+    columns = {k: (x - x.min()) / np.ptp(x) for k, x in columns.items() if np.isfinite(x).all() and np.ptp(x) > 1e-6}
+    values = np.log([r.value for r in runs])
+    if len(runs) < len(columns) + 4 or not columns:
+        return []
+    spread = np.array([r.standard_uncertainty / r.value for r in runs])
+    design = np.column_stack([np.ones(len(runs)), *columns.values()])
+    extra = 0.0
+    for _ in range(20):  # the runs' own scatter, so that the weights are those of the runs as they are
+        weight = 1.0 / (spread**2 + extra)
+        normal = design.T @ (weight[:, None] * design)
+        covariance = np.linalg.pinv(normal, hermitian=True)
+        coefficient = covariance @ (design.T @ (weight * values))
+        left = values - design @ coefficient
+        freedom = len(runs) - design.shape[1]
+        excess = float((weight * left**2).sum()) / freedom
+        if excess <= 1.0:
+            break
+        extra = max(extra, 1e-9) + (excess - 1.0) / float(np.mean(weight))
+    found = []
+    for i, name in enumerate(columns, start=1):
+        others = np.delete(design, i, axis=1)
+        own = design[:, i] - others @ np.linalg.lstsq(others, design[:, i], rcond=None)[0]
+        if own.std() < 0.3 * design[:, i].std():
+            continue
+        change, sigma = float(np.expm1(coefficient[i])), float(np.sqrt(covariance[i, i]))
+        found.append(Drift(name, change, float(coefficient[i]) / sigma))
+    return found
 
 
 MOST_RUNS = 6  # of a channel; more curves lie on one another

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from shockrig.analysis.diagnose.diagnosed import Cause
-from shockrig.analysis.diagnose.gain import Gain
-from shockrig.analysis.diagnose.held_out import HeldOut, autocorrelation, drifts, size
+from shockrig.analysis.diagnose.gain import Gain, HeldOut
+from shockrig.analysis.diagnose.held_out import autocorrelation, size
 from shockrig.analysis.diagnose.remainder import Remainder
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.quantity import QUANTITIES, TEMPERATURE
@@ -25,6 +25,7 @@ from shockrig.analysis.report.diagnosis_words import (
     worse,
 )
 from shockrig.analysis.report.fit_figures import RunParameter
+from shockrig.analysis.report.fitted import drifts
 from shockrig.files.profile import HumidityProfile, Profile, StatedEffect, TemperatureProfile, Uncertain
 
 
