@@ -174,7 +174,7 @@ def _swapped(flight: Flight, profile: Profile | None) -> bool:
     if min(temperature.size, humidity.size) < FEWEST_READINGS:
         return False
     percent = RANGES["humidity_percent"]
-    if not all(percent.holds(v) for v in np.quantile(temperature, (0.02, 0.98)).tolist()):
+    if not all(percent.holds(v) for v in np.quantile(temperature, (0.25, 0.75)).tolist()):
         return False
     if np.median(temperature) > HOTTEST_C and np.median(humidity) < HOTTEST_C:
         return True

@@ -451,7 +451,26 @@ def held(
     # beyond a ceiling the air may be anywhere from there to where the readings around would have it
     anywhere = np.where(capped, np.abs(value - raw) / np.sqrt(3.0), 0.0)
     unsure = np.hypot(np.hypot(np.where(capped, sigma, channel.uncertainty), anywhere), left_open)
-    return _nearer(channel, readings, unit, unsure)
+    beyond = np.where(capped, 0.0, _beyond_both_sides(channel, readings, unit))
+    channel = replace(channel, uncertainty=np.hypot(channel.uncertainty, beyond))
+    return _nearer(channel, readings, unit, np.hypot(unsure, beyond))
+
+
+def _beyond_both_sides(channel: FlightChannel, readings: FlightReadings, unit: Array) -> Array:
+    """How far (n,), in a stretch that is longer than values are filled in over, of which nothing is read or told, the
+    air would have gone beyond what it was on either side: a trend goes on where no reading bears that out."""
+    sure = readings.usable if readings.loud is None else readings.usable & ~readings.loud
+    rows = np.flatnonzero(sure & np.isfinite(channel.value))
+    if not rows.size:
+        return np.zeros(sure.shape)
+    air = channel.value / unit
+    place = np.searchsorted(rows, np.arange(sure.size))
+    ends = np.stack([rows[np.maximum(place - 1, 0)], rows[np.minimum(place, rows.size - 1)]])
+    low, high = air[ends].min(axis=0), air[ends].max(axis=0)
+    unread = ~(readings.usable | channel.raw) & (np.diff(readings.time_s[ends], axis=0)[0] > LONGEST_FILL_S)
+    if readings.told is not None:
+        unread &= ~np.isfinite(readings.told)
+    return np.where(unread & np.isfinite(air), np.maximum(np.maximum(air - high, low - air), 0.0), 0.0) * unit
 
 
 def _capped(channel: FlightChannel, beyond: Array) -> Mask:

@@ -456,9 +456,11 @@ def _of_temperature(readings: FlightReadings, air: Array, error: Array, bead: Fl
     unread = _long(~bead.screened.usable, time_s, longest_s)
     most = np.maximum(VAGUE_TIMES * np.median(passing.sigma), VAGUE_NOISES * np.sqrt(readings.noise_variance))
     vague = passing.sigma > most
-    # over a while, readings of vapour that is known badly say more than none
+    # over a while, readings of vapour that is known badly say more than none, if it is known better than it moves
     lasting = _long(vague, time_s, APART_S)
     left_open = np.where(lasting, passing.sigma, 0.0)
+    moves = float(np.std(readings.reading[usable & ~vague])) if (usable & ~vague).any() else np.inf
+    unread = unread | (lasting & (passing.sigma > moves))
     return TemperatureDoubt(air.shape, passing, unread, unread | (vague & ~lasting), left_open)
 
 
