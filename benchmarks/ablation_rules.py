@@ -106,7 +106,6 @@ RULES = (
     # The search.
     Rule("forms", "the grammar", {f"{C}forms": _nothing}),
     Rule("groups", "forms in groups of runs", {f"{S}bare_forms": lambda *_: ()}),
-    Rule("regrouped", "a form moves to the group that suits it", {f"{S}Race._regrouped": _none}),
     Rule("simplest", "a form's conditions are taken away and others added", {f"{S}Race.simplest": _second}),
     Rule("pruned", "what gains no longer goes", {f"{S}Race.pruned": _second}),
     Rule("exchanged", "each effect against the others in its place", {f"{S}Race.exchanged": _second}),

@@ -34,7 +34,6 @@ from shockrig.analysis.effects.behaviours import (
     STEP,
     form_of,
     forms_of,
-    is_group,
     laws_of,
 )
 from shockrig.analysis.effects.described import is_described
@@ -43,7 +42,7 @@ from shockrig.analysis.estimate.effect import Effect, by_name
 from shockrig.analysis.estimate.fit import Fit, fit, go_on
 from shockrig.analysis.estimate.fit_starts import plainly_wrong, rough_point, rough_rates
 from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
-from shockrig.analysis.estimate.predictive import Score, bumps, run_densities, score, weights
+from shockrig.analysis.estimate.predictive import Score, bumps, score, weights
 from shockrig.analysis.estimate.problem import RATE_SCATTER, Problem
 from shockrig.analysis.estimate.quantity import RunEffect
 
@@ -287,25 +286,6 @@ class Race:
         side = int(np.argmax(_promised(right, size, one.furthest).max(axis=1)))
         return in_group_of(one, hows[side], self.problem.channel)
 
-    def _regrouped(self, near: Rated, effect: str) -> Candidate | None:
-        """A form in another group of runs than where it was begun: the one in which it makes the readings likeliest,
-        run by run, with the values that it has got; None where that is the group that it has."""
-        channel, (found, *_) = self.problem.channel, self.beside(near).fits[effect]
-        fit, form = found.fit, form_of(effect)
-        (how,) = (how for _, how in form.depends_on if is_group(how))
-        bare = replace(form, depends_on=tuple(on for on in form.depends_on if not is_group(on[1])))
-        (one,) = (one for one in self.bare if one.form == bare)
-        without = fit.structure.dropping(effect)
-        densities_of = []
-        for structure in (without, without.adding(one.effect)):
-            model = Model(channel, structure)
-            theta = model.start(fit.log_rates, {k.replace(effect, one.effect.id): v for k, v in fit.choice.items()})
-            theta[model.behind] = fit.theta[fit.model.behind]
-            densities_of.append(run_densities(self.problem, fit, model.predict(Point(theta, fit.deviations))[0]))
-        hows, sides = _sides(channel)
-        likeliest = hows[int(np.argmax(sides @ (densities_of[1] - densities_of[0])))]
-        return None if likeliest == how else in_group_of(one, likeliest, channel)
-
     def _first_order(self, near: Rated, columns: Array, groups: Array | None = None) -> tuple[Array, Array]:
         """Scores of columns and their variances, beside the model's parameters, discrepancy and random effects; with
         groups (K, R) those of each column in each group of runs alone."""
@@ -371,24 +351,6 @@ class Race:
         tried = [self.fitted(structure, model.start(r, choice), own, QUICK_STEPS) for r, choice, own in begins]
         return sorted(tried, key=lambda r: -r.value)
 
-    def _in_its_group(self, near: Rated, effect: str) -> str:
-        """What goes on where a candidate was begun: itself, or its form in a group of runs that suits it better."""
-        place = self.beside(near)
-        if not is_described(effect) or not any(is_group(how) for _, how in form_of(effect).depends_on):
-            return effect
-        other = self._regrouped(near, effect)
-        if other is None or not other.fits(near.fit.structure):
-            return effect
-        moved = other.effect.id
-        if moved not in place.fits:
-            self.priors[moved] = other.log_prior
-            begun = place.fits[effect][0].fit
-            structure = begun.structure.dropping(effect).adding(other.effect)
-            (own,) = (one for one in begun.structure.effects if one.id == effect)
-            start = _carried(begun, structure, own, other)
-            place.fits[moved] = [self.fitted(structure, start, begun.deviations, QUICK_STEPS)]
-        return max(effect, moved, key=lambda id_: place.fits[id_][0].value)
-
     def _further(self, one: Rated, steps: int) -> Rated:
         if one.fit.converged:
             return one
@@ -416,14 +378,13 @@ class Race:
         for one, starts in entered:
             if one.effect.id not in place.fits:
                 place.fits[one.effect.id] = self._begun(near, one, starts, far)
-        runners = list(dict.fromkeys(self._in_its_group(near, one.effect.id) for one, _ in entered))
+        runners = [one.effect.id for one, _ in entered]
         for left in range(3 if far else 2, 0, -1):
             runners = place.ordered(runners)[: RUNNING_COUNT + 2 * (left - 1)]
             for effect in runners:
                 further = [self._further(begun, FURTHER_STEPS) for begun in place.fits[effect][:left]]
                 place.fits[effect] = sorted(further, key=lambda r: -r.value)
-        best = [self._in_its_group(near, effect) for effect in place.ordered(runners)[:FINISHED_COUNT]]
-        runners = place.ordered(list(dict.fromkeys([*best, *runners])))
+        runners = place.ordered(runners)
         for effect in runners[:FINISHED_COUNT]:
             if effect not in place.ended:
                 place.fits[effect] = [self.finished(place.fits[effect][0])]

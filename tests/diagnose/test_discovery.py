@@ -10,7 +10,7 @@ import pytest
 from small_worlds import record
 
 from shockrig.analysis.characterize.part_fit import extension_of
-from shockrig.analysis.diagnose.candidates import bare_forms, candidates, in_group_of, says_nothing
+from shockrig.analysis.diagnose.candidates import bare_forms, candidates, says_nothing
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.grammar import forms
 from shockrig.analysis.diagnose.refitting import plain_fit
@@ -203,29 +203,6 @@ def test_what_is_there_in_a_group_of_runs_is_found_and_told_as_such(warm_rates):
         assert abs(values[name][0] - true) < 4.0 * values[name][1]
     said = sentence(discovered_of(described(form.key, False), values), "K")
     assert "it depends on the order of the runs (only from the 10th run on)" in said
-
-
-def test_a_group_of_runs_is_found_whichever_group_was_begun_in(warm_rates, monkeypatch):
-    """A lag before the body from the nineteenth run on, which a fit without it hides in the rate of all runs: begun in
-    the last eight runs, the form moves to the group that makes the readings likeliest."""
-    channel = build_plain(warm_rates.problem.channel)
-    form, true = Form("lag_in_series", "air_temperature", (("run_order", f"{ONLY_FROM}18"),)), 2.5
-    model = Model(channel, Structure((described(form.key, False),)))
-    theta = model.start(np.array([np.log(0.3)]), {f"{form.key}.time_constant_s": true})
-    late = model.predict(Point(theta, channel.at_rest()))[0]
-    late = late + np.random.default_rng(5).normal(0.0, 0.002, late.shape)
-    problem = replace(warm_rates.problem, channel=replace(channel, value=late))
-    race = Race(problem, PLAIN, candidates(channel))
-    plain = race.rated(plain_fit(problem, PLAIN))
-    (bare,) = (one for one in bare_forms(channel) if one.form == Form("lag_in_series", "air_temperature"))
-    begun = replace(in_group_of(bare, f"{ONLY_FROM}27", channel), starts=({"time_constant_s": 1.0},))
-    race.beside(plain).groups.append(begun)
-    found = race.forward(plain, [begun])
-    assert found is not None and found.ids == {form.key}
-    assert found.fit.values()[form.key]["time_constant_s"][0] == pytest.approx(true, abs=0.02)
-    # Beside a model that has it there already it stays where it was begun: no model holds an effect twice.
-    monkeypatch.setattr(race, "_regrouped", lambda near, effect: in_group_of(bare, f"{ONLY_FROM}18", channel))
-    assert race._in_its_group(found, begun.effect.id) == begun.effect.id
 
 
 @pytest.mark.parametrize("whole", [False, pytest.param(True, marks=pytest.mark.trial)])
