@@ -361,7 +361,11 @@ def _between(
             back = size[i] * size[j] < 0 and first[n] - first[k] < count // 2 and (refuted[k] or refuted[n])
             back = back and not goes_on[k]
             if back and (least > swing if moved else abs(after[n] - before[k]) < APART_SHARE * least):
-                away[first[k] : first[n]] |= np.ptp(values[first[k] : first[n]]) < least
+                # what followed the air goes back by as much as it came, but for a burst of noise
+                inside = values[first[k] : first[n]]
+                steady = np.max(np.abs(np.diff(inside)), initial=0.0) < BESIDE_SHARE * least
+                unequal = steady and not moved and abs(size[i] + size[j]) > least
+                away[first[k] : first[n]] |= unequal or np.ptp(inside) < least
                 alone[[k, n]] = False
                 i = j
             i += 1

@@ -700,6 +700,19 @@ def test_a_jump_that_neither_air_nor_lag_makes_leaves_open_on_which_side_the_sen
         assert not any("the sensor changed" in note for note in correct(one, PROFILE).notes)
 
 
+def test_readings_that_come_by_one_jump_and_go_by_a_far_larger_one_did_not_follow_the_air():
+    """A humidity in the temperature's place, while it rose. Before: 24 K above the air, since it went 15 K itself."""
+    rng = np.random.default_rng(6)
+    row = np.arange(600)
+    reading = 21.5 + 0.02 * rng.standard_normal(row.size)
+    there = (row >= 300) & (row < 420)
+    climbing = np.where(there, 30.0 + 15.0 * (row - 300) / 120.0 + 0.06 * rng.standard_normal(row.size), reading)
+    shifted = np.where(there, reading + 8.0, reading)  # a sensor that is 8 K off for a while goes as it came
+    for values in (climbing, shifted):
+        found = screen(0.1 * row, values, RANGES["temperature_c"], 0.02, share=0.3, swing=15.0)
+        assert np.array_equal(found.implausible, there)
+
+
 def test_the_first_and_last_steps_of_a_burst_are_its_own():
     """A window's median may see neither; behind a lag no air makes them. Before: two rows of calm noise beside it."""
     rng = np.random.default_rng(3)
