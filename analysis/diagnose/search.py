@@ -611,12 +611,20 @@ def _heaviest_first(among: Iterable[Rated]) -> tuple[tuple[Rated, ...], Array]:
     return tuple(best[i] for i in order), weight[order]
 
 
+def _stuck(one: Rated, among: Iterable[Rated]) -> bool:
+    """Whether a fit leaves more of the runs than a model that it extends, which is a part of it: it ended elsewhere."""
+    nested = {e.id for e in one.fit.structure.effects if any(p.none is not None for p in e.parameters)}
+    parts = (other for other in among if other.ids < one.ids and one.ids - other.ids <= nested)
+    return any(part.fit.deviance < one.fit.deviance for part in parts)
+
+
 def _weighed(race: Race, plain: Rated) -> Search:
     """The pool weighed by its models' predictive densities."""
-    among = [one for one in race.pool.values() if one.ids == plain.ids or race.is_sound(one)]
+    fitted = [one for one in race.pool.values() if not _stuck(one, race.pool.values())]
+    among = [one for one in fitted if one.ids == plain.ids or race.is_sound(one)]
     pool, weight = _heaviest_first(among)
     known = {one.ids for one in among}
-    unsound = (one for one in race.unsound.values() if one.ids not in known)
+    unsound = (one for one in race.unsound.values() if one.ids not in known and not _stuck(one, fitted))
     predictors = zip(*_heaviest_first([*among, *unsound]), strict=True)
     found = Search(plain, pool[0], pool, weight, race.fits, tuple((one, float(w)) for one, w in predictors))
     # As many effects are stated as are there with that probability, whichever they are: look-alikes that share the

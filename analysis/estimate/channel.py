@@ -247,6 +247,7 @@ Samples = Sequence[tuple[Array, Array]]
 BIN_PLAN = ((2.5, 0.1), (6.0, 0.2), (12.0, 0.4), (24.0, 0.8), (48.0, 1.6), (100.0, 3.2), (1e9, 10.0))
 BEFORE_S = 1.2  # width of a bin of the plateau before the transfer
 STARTS_WITHIN = 3.0  # standard deviations of a start that nobody recorded, within which it is looked for
+WIDENING = 0.25  # of a bin's distance from a start that nobody recorded: it is no wider
 NEAR_S = 0.3  # before the transfer within which samples stand singly
 FINE_BIN_WIDTHS = (
     0.015,
@@ -279,7 +280,8 @@ def edges_after_transfer(
     """Edges of the bins of runs whose air changes once, from `first_s` (negative) to `last_s`.
 
     `half_s` is the time to half of the step, infinite or NaN where no run tells it; `fine` as from `fine_width`. A
-    start that nobody recorded may lie `open_s` before its estimate, where no wide bin may hide what a model says.
+    start that nobody recorded may lie `open_s` before its estimate, where no wide bin may hide what a model says, and
+    is about there: no bin that it may lie in holds two readings, nor is one wide where a film begins like sqrt(t).
     """
     half = half_s if np.isfinite(half_s) else np.inf
     # Half a period before zero, so that with one sample a period each narrow bin holds one sample.
@@ -288,12 +290,24 @@ def edges_after_transfer(
     uncertain = np.arange(near, open_s, narrow)
     begin = near + narrow * uncertain.size
     before = -np.arange(begin, max(-first_s, begin + 0.1 * tempo) + wide, wide)[::-1]
-    close = np.arange(-near + period_s, 0.0, max(0.1 * tempo, period_s))
+    close, apart = np.arange(-near + period_s, 0.0, max(0.1 * tempo, period_s)), np.inf
+    if open_s > 0.0:
+        apart = WIDENING
+        close = -_widening(near - period_s, 0.1 * tempo, period_s)[:0:-1]
     after = [0.0]
     for until, width in BIN_PLAN:
         while after[-1] < min(until * tempo, last_s) - 1e-9:
-            after.append(after[-1] + max(min(width * tempo, fine * (half + after[-1])), period_s))
+            widest = min(width * tempo, fine * (half + after[-1]), apart * after[-1])
+            after.append(after[-1] + max(widest, period_s))
     return np.concatenate([before, -uncertain[::-1], close, after])
+
+
+def _widening(until_s: float, widest_s: float, period_s: float) -> Array:
+    """Edges from 0 on, each as far from the one before as `WIDENING` of its distance, but for what bounds a bin."""
+    edges = [0.0]
+    while edges[-1] < until_s:
+        edges.append(edges[-1] + max(min(WIDENING * edges[-1], widest_s), period_s))
+    return np.array(edges)
 
 
 def place(samples: Samples, edges: Array, start_scatter_s: Array) -> tuple[Index, ...]:

@@ -33,9 +33,11 @@ RATES_TRIED = 60
 USUAL_SCATTER_S = 0.5  # of a start that was estimated
 LATE_S = np.arange(-0.8, 0.81, 0.04)  # starts that are tried beside it
 STUCK_MEAN_SQUARE = 1.7  # mean square of a run's whitened residuals from which its start is looked for anew
+NEXT_READINGS = np.arange(-1.0, 1.01, 0.1)  # sampling periods from a start to others that are tried
+LEAST_GAIN = 1.0  # drop of the deviance for which a start is moved
 START_GRID = np.linspace(-STARTS_WITHIN, STARTS_WITHIN, 25)  # in standard deviations of a start
 PLAINLY_WRONG = 3.0  # objective per bin from which a fit's deviations mean nothing
-MOST_SCANS = 3  # for starts that nobody recorded, each from where the fit before ended
+MOST_SCANS = 3  # for starts, each from where the fit before ended
 
 
 def rough_rates(
@@ -95,25 +97,33 @@ def rough_point(problem: Problem, structure: Structure, choice: Mapping[str, flo
     return Point(theta, deviations)
 
 
-def scanned_starts(problem: Problem, found: Fit, stuck: float = STUCK_MEAN_SQUARE) -> Array | None:
-    """Deviations with the start of each run whose misfit is beyond `stuck` where it fits best, looked for on a grid;
-    None where all fit.
+def scanned_starts(problem: Problem, found: Fit) -> Array | None:
+    """Deviations with starts moved to where runs fit better, looked for on a grid; None where none does.
 
-    A film's response begins like sqrt(t): no gradient leads a start across a sample that lies at the very transfer.
+    A film's response begins like sqrt(t): no gradient leads a start across a sample that lies at the very transfer. A
+    start that nobody recorded is looked for between the next readings, and in a run that misfits as far as it may be;
+    where the model is plainly wrong, the last alone.
     """
-    channel = problem.channel
-    misfits = run_misfit(problem, found) > stuck
+    channel, known = problem.channel, problem.channel.conditions.start_known
+    misfits = run_misfit(problem, found) > STUCK_MEAN_SQUARE
+    scanned = misfits if plainly_wrong(problem, found) else misfits | ~known
     if channel.jumps_with_air:
-        misfits &= np.abs(channel.conditions.thermal_step_k) <= JUMP_K  # elsewhere samples at the jump are muted
-    if not misfits.any():
+        scanned &= np.abs(channel.conditions.thermal_step_k) <= JUMP_K  # elsewhere samples at the jump are muted
+    if not scanned.any():
         return None
-    index = np.flatnonzero(misfits)
+    index = np.flatnonzero(scanned)
     part, late = problem.select(index), found.deviations[index]
-    tried = np.tile(late, (START_GRID.size, 1, 1))
-    tried[:, :, RunEffect.START] = START_GRID[:, None] * part.scatter[:, RunEffect.START]
+    near = late[:, RunEffect.START] + NEXT_READINGS[:, None] * np.where(known[index], 0.0, channel.sampling_period_s)
+    far = START_GRID[:, None] * part.scatter[:, RunEffect.START]
+    tried = np.tile(late, (near.shape[0] + far.shape[0], 1, 1))
+    tried[:, :, RunEffect.START] = np.concatenate([near, np.where(misfits[index], far, late[:, RunEffect.START])])
     tried, left = with_airs(part, found.model.on(part.channel), Point(found.theta, tried))
+    best, now = np.argmin(left, axis=0), np.argmin(np.abs(NEXT_READINGS))
+    better = left[now] - left.min(axis=0) > LEAST_GAIN
+    if not better.any():
+        return None
     moved = found.deviations.copy()
-    moved[index] = tried[np.argmin(left, axis=0), np.arange(index.size)]
+    moved[index[better]] = tried[best[better], np.flatnonzero(better)]
     return np.asarray(moved)
 
 
@@ -133,14 +143,14 @@ def unstuck(problem: Problem, found: Fit, iterations: int = 40) -> Fit:
     known = problem.channel.conditions.start_known
     if wrong and known.all():
         return found
-    for _ in range(MOST_SCANS if wrong else 1):
+    for _ in range(MOST_SCANS):
         moved = scanned_starts(problem, found)
         if moved is None:
             break
         if wrong:
             moved = np.where(known[:, None], found.deviations, moved)
         again = fit(problem, found.structure, found.theta, moved, iterations)
-        if again.deviance > found.deviance - 1.0:
+        if again.deviance > found.deviance - LEAST_GAIN:
             break
         found = again
     across = _across_reading(problem, found)
