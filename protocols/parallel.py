@@ -17,7 +17,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from multiprocessing import get_context
 from multiprocessing.process import BaseProcess
@@ -93,7 +93,8 @@ def _on_dask(
             return futures
 
         suspects = []
-        under_way = distributed.as_completed(hand_out(AHEAD * max(sum(client.nthreads().values()), 1)))
+        threads = workers if scheduler is None else max(sum(client.nthreads().values()), 1)
+        under_way = distributed.as_completed(hand_out(AHEAD * threads))
         for future in under_way:
             place = places.pop(future)
             try:
@@ -142,10 +143,25 @@ def _client(distributed: Any, workers: int, scheduler: str | None) -> Iterator[A
             silence_logs=logging.CRITICAL,
         ) as cluster,
         distributed.Client(cluster) as client,
-        _kept_up(partial(_begun, _serve, cluster.scheduler_address, scratch, settings), workers),
+        _kept_up(partial(_begun, _serve, cluster.scheduler_address, scratch, settings), workers) as ended,
     ):
-        client.wait_for_workers(1)
+        _wait_for_first(client, ended, DEATHS * workers)
         yield client
+
+
+def _wait_for_first(client: Any, ended: Sequence[int | None], most: int) -> None:
+    """Until a worker has joined, however long a busy machine takes; not while they end before they have."""
+    while True:
+        try:
+            client.wait_for_workers(1, timeout=LOOKED_AFTER_S)
+        except OSError:
+            if len(ended) < most:
+                continue
+            raise InputError(
+                f"workers: {len(ended)} were begun and each ended before it took a task, the last with status "
+                f"{ended[-1]}; a script that begins them needs if __name__ == '__main__', and one worker needs none"
+            ) from None
+        return
 
 
 def _begun(work: Callable[..., None], *given: Any) -> BaseProcess:
@@ -172,23 +188,27 @@ def _serve(address: str, scratch: str, settings: dict[str, Any]) -> None:
 
 
 @contextmanager
-def _kept_up(begun: Callable[[], BaseProcess], count: int) -> Iterator[None]:
-    """So many processes, each begun anew where it has ended. Dask's own nannies give a worker up that is not back in
-    time, as on a busy machine, and may then count it for ever as there: what is waited for would never come."""
+def _kept_up(begun: Callable[[], BaseProcess], count: int) -> Iterator[Sequence[int | None]]:
+    """So many processes, each begun anew where it has ended; with what status, so far. Dask's own nannies give a worker
+    up that is not back in time, as on a busy machine, and may then count it for ever as there: what is waited for would
+    never come."""
     ended = threading.Event()
     processes = [begun() for _ in range(count)]
+    statuses: list[int | None] = []
 
     def look_after() -> None:
         while not ended.wait(LOOKED_AFTER_S):
             for place, process in enumerate(processes):
                 if not process.is_alive():
-                    process.close()
-                    processes[place] = begun()
+                    statuses.append(process.exitcode)
+                    with suppress(OSError):  # the machine has no room for another one now: at the next look
+                        processes[place] = begun()
+                        process.close()
 
     thread = threading.Thread(target=look_after, daemon=True)
     thread.start()
     try:
-        yield
+        yield statuses
     finally:
         ended.set()
         thread.join()

@@ -7,8 +7,10 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
+from unittest import mock
 
 import distributed
 import pytest
@@ -19,6 +21,7 @@ from shockrig.protocols.fleet_map import measure, tasks_of
 
 WAYS = {"here": (1, None), "processes": (2, False), "dask": (2, True)}
 KILLS = 5
+MANY = 4  # workers, more than one is handed tasks ahead
 
 
 def square(number):
@@ -35,6 +38,20 @@ def square_or_die(number):
 def die(number):
     """Each of the tasks kills the process that works on it."""
     os.kill(os.getpid(), signal.SIGKILL)
+
+
+def dead(*_):
+    """A worker that ends before it has joined."""
+    os._exit(3)
+
+
+def among_others(folder):
+    """Whether as many tasks as there are workers are under way at a time."""
+    (folder / str(os.getpid())).touch()
+    deadline = time.monotonic() + 60.0
+    while len(list(folder.iterdir())) < MANY and time.monotonic() < deadline:
+        time.sleep(0.05)
+    return len(list(folder.iterdir())) >= MANY
 
 
 def kept_up(number):
@@ -62,6 +79,33 @@ def test_a_worker_that_dies_costs_its_task_alone(way, monkeypatch):
 def test_every_worker_that_dies_is_replaced():
     """With none left the map would wait for ever."""
     assert outcomes(die, "dask", 3) == {0: None, 1: None, 2: None}
+
+
+def test_workers_that_end_as_soon_as_they_begin_are_said(monkeypatch):
+    """A script that does not ask whether it is __main__. Before: they were begun anew for ever."""
+    monkeypatch.setattr(parallel, "_serve", dead)
+    monkeypatch.setattr(parallel, "LOOKED_AFTER_S", 0.1)
+    with pytest.raises(InputError, match="each ended before it took a task, the last with status 3; a script"):
+        outcomes(square, "dask", 3)
+
+
+def test_a_machine_that_has_no_room_for_another_worker_is_asked_again(monkeypatch):
+    """Before: the thread that looks after them ended, and so did all that waited."""
+    monkeypatch.setattr(parallel, "LOOKED_AFTER_S", 0.01)
+    first, enough = mock.Mock(), threading.Event()
+    first.is_alive.return_value, first.exitcode = False, -9
+
+    first.close.side_effect = enough.set
+    begun = mock.Mock(side_effect=[first, OSError("no memory"), mock.Mock()])
+    with parallel._kept_up(begun, 1) as ended:
+        assert enough.wait(60.0)
+    assert ended == [-9, -9] and begun.call_count == 3
+
+
+def test_all_workers_have_a_task(tmp_path):
+    """Before: three were handed out to the worker that came first, and so no more were ever under way."""
+    done = parallel.mapped(among_others, [tmp_path] * 2 * MANY, MANY, with_dask=True)
+    assert all(all_there for _, all_there in done)
 
 
 def test_two_maps_are_under_way_at_a_time():
