@@ -76,6 +76,8 @@ class Channel:
     left_out : tuple of LeftOut
     common : CommonUncertainty or None
         What may be off in all runs alike, where the campaign states it.
+    reference_known_to : float
+        Standard uncertainty of the reference that measured airs [the channel's unit]; 0 where none did.
     """
 
     quantity: Quantity
@@ -101,6 +103,7 @@ class Channel:
     left_out: tuple[LeftOut, ...] = field(default=())
     common: CommonUncertainty | None = None
     readings_per_sample: int = 1
+    reference_known_to: float = 0.0
 
     @property
     def reading_period_s(self) -> float:

@@ -467,6 +467,7 @@ def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
         die = np.where(count > 0, bin_means(times, list(die_samples), bin_of)[1], np.nan)
         wet = past_dew_s(conditions, times, die_samples)
     ambient, ambients, interpolation = _ambients(usable, conditions, quantity)
+    references = [getattr(one.run.reference, quantity.reference_uncertainty) for one in usable if one.air is not None]
     sensor = campaign.sensors.get(quantity.sensor, {})
     return Channel(
         quantity=quantity,
@@ -491,6 +492,7 @@ def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
         die_samples=die_samples,
         left_out=tuple(left_out),
         common=campaign.common,
+        reference_known_to=float(np.median(references)) if references else 0.0,
     )
 
 

@@ -68,10 +68,9 @@ def shared(channel: Channel) -> tuple[Shared, ...]:
 def air_known_to(channel: Channel) -> float:
     """What all of a campaign's airs may be off by alike, a standard uncertainty in the channel's unit; 0 where nothing
     is stated of it."""
-    if channel.common is not None:
-        return float(getattr(channel.common, OWN_AIR[channel.name]))
-    of_reference = getattr(channel.conditions, f"{channel.quantity.air_fields[0]}_scatter")[channel.measured]
-    return float(np.median(of_reference)) if of_reference.size else 0.0
+    if channel.common is None:
+        return channel.reference_known_to
+    return float(getattr(channel.common, OWN_AIR[channel.name]))
 
 
 def common_beside(channel: Channel) -> CommonUncertainty:

@@ -13,7 +13,7 @@ from shockrig.analysis.diagnose.refitting import refit
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.channel import FINE_BIN_WIDTHS, edges_after_transfer, fine_width
 from shockrig.analysis.estimate.gather import build_channel
-from shockrig.analysis.estimate.model import Structure
+from shockrig.analysis.estimate.model import PLAIN, Model, Structure
 from shockrig.analysis.physics import readings
 from shockrig.analysis.plan.information import separations
 from shockrig.analysis.plan.shock import PlannedShock
@@ -57,6 +57,17 @@ def test_what_its_reference_is_off_by_in_all_runs_is_not_the_sensor_s(tmp_path):
     rival = refit(found.problem, Structure((CATALOGUE["series_lag"],)), found.final)
     assert propose(found.problem, [(found.final, rival)])
     assert separations(found.problem, found.noise, found.final, rival, [PlannedShock(40.0, 18.0, 20.0, 55.0)]) >= 0.0
+
+
+def test_runs_beside_a_reference_and_runs_without_one_are_told_apart_by_no_part_of_them(tmp_path):
+    """One of the airs was measured. Before: fits to the other runs had a parameter less, and ended with an error."""
+    record(draw("chamber_60", 566).bench, 566, tmp_path / "campaign")
+    for run in sorted((tmp_path / "campaign" / "runs").iterdir())[1:]:
+        (run / "air.csv").unlink()
+    channel = build_channel(read_campaign(tmp_path / "campaign"), "temperature")
+    assert channel.measured.sum() == 1 and channel.runs > 3
+    sizes = {Model(channel.select(np.array([run])), PLAIN).size for run in range(channel.runs)}
+    assert sizes == {Model(channel, PLAIN).size}
 
 
 @pytest.mark.parametrize(("bench", "seed"), [("runs_6", 579), ("no_trigger", 579)])
