@@ -297,6 +297,7 @@ def edges_after_transfer(
     if open_s > 0.0:
         apart = WIDENING
         close = -_widening(near - period_s, 0.1 * tempo, period_s)[:0:-1]
+        close = close[close > -near]
     after = [0.0]
     for until, width in BIN_PLAN:
         while after[-1] < min(until * tempo, last_s) - 1e-9:

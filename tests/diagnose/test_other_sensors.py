@@ -152,6 +152,9 @@ def test_bins_are_narrow_wherever_an_unrecorded_start_may_lie():
     assert np.diff(uncertain[(uncertain > -12.0) & (uncertain < 0.5)]).max() < 0.081 * 5.0
     about = np.diff(uncertain[(uncertain > -0.25) & (uncertain < 0.65)])
     assert about == pytest.approx(0.1)  # a reading each, on both sides of where it is likeliest
+    # Of a slow sensor the bins about a start met those before it. Before: edges that went back by up to a bin.
+    slow = edges_after_transfer(-100.0, 900.0, 0.1, 30.0, 240.0, 0.08, open_s=80.0)
+    assert np.all(np.diff(slow) > 0.0)
     stated = edges_after_transfer(-30.0, 60.0, 0.1, 1.0, 5.0, 0.08)
     assert np.diff(stated[stated < -0.5]).min() > 1.0
 
