@@ -139,5 +139,6 @@ def _one_step(channel: Channel, ambient: int, time: Array, air: ResponseAir) -> 
         air=(None,),
         common=None,
         reference_known_to=0.0,
+        reference_noise=0.0,
         wet_until_s=np.full(1, np.nan),
     )

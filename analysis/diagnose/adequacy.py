@@ -143,12 +143,13 @@ def _score(right: Array, normal: Array) -> tuple[float, int]:
 
 
 def varies_with(problem: Problem, found: Fit) -> list[str]:
-    """What the residuals of a fit vary with, most first."""
+    """What the residuals of a fit vary with, most first; of those that cannot be told apart, as with two runs, in their
+    usual order."""
     channel, by_factor = problem.channel, {}
     basis = time_basis(channel.time_s, channel.tempo)
     for name, row in _factor_rows(channel).items():
         statistic, degrees = _score(*found.scores(problem, problem.whiten(basis * row[:, None, None])))
-        by_factor[name] = max(statistic - degrees, 0.0)
+        by_factor[name] = float(f"{max(statistic - degrees, 0.0):.2g}")
     most = max(by_factor.values())
     return [n for n, v in sorted(by_factor.items(), key=lambda i: -i[1]) if v > max(0.2 * most, 15.0)]
 

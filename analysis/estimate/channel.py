@@ -78,6 +78,8 @@ class Channel:
         What may be off in all runs alike, where the campaign states it.
     reference_known_to : float
         Standard uncertainty of the reference that measured airs [the channel's unit]; 0 where none did.
+    reference_noise : float
+        Standard deviation of the means of its readings, before they were smoothed [the channel's unit]; 0 likewise.
     """
 
     quantity: Quantity
@@ -104,6 +106,7 @@ class Channel:
     common: CommonUncertainty | None = None
     readings_per_sample: int = 1
     reference_known_to: float = 0.0
+    reference_noise: float = 0.0
 
     @property
     def reading_period_s(self) -> float:

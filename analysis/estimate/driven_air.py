@@ -41,18 +41,15 @@ def with_reference_noise(noise: Noise, problem: Problem) -> Noise:
     channel = problem.channel
     rate = float(np.exp(np.median(rough_rates(problem))))
     body = slowest(BODIES[channel.body].held().scaled(rate), COSINE_MODES)
-    passed = []
-    for air in channel.air:
-        if air is not None:
-            passed.append(_passed(air, channel.quantity.of_air(air), body))
+    passed = [channel.reference_noise * _passed(air, body) for air in channel.air if air is not None]
     decay = float(np.exp(-float(np.min(body.rate)) * channel.sampling_period_s))
     return replace(noise, passed=float(np.median(passed)), passed_memory=min(decay, 0.999))
 
 
-def _passed(air: MeasuredAir, trace: Array, body: Modes) -> float:
+def _passed(air: MeasuredAir, body: Modes) -> float:
     period = float(np.median(np.diff(air.time_s)))
     modes = beside_lagging_reference(body, air.lag_s) if air.lag_s > 0 else body
-    return trace_noise(trace) * float(np.max(noise_passed(modes, period)))
+    return float(np.max(noise_passed(modes, period)))
 
 
 GRID_STEPS = 4000  # steps over a record on which a sensor is followed roughly
@@ -174,8 +171,9 @@ def edges_of_driven(first_s: float, last_s: float, period_s: float, runs: Sequen
     return np.asarray(np.interp(np.linspace(0.0, passed[-1], count + 1), passed, grid))
 
 
-def averaged_over(air: MeasuredAir, edges: Array) -> MeasuredAir:
-    """A measured air averaged within the bins, `TRACE_POINTS` in each; every mean stands at the mean of its times.
+def averaged_over(air: MeasuredAir, edges: Array) -> tuple[MeasuredAir, Array]:
+    """A measured air averaged within the bins, `TRACE_POINTS` in each, and how many readings each mean (m,) is of; each
+    stands at the mean of its times.
 
     What a bin averages, the air averages too: a prediction at its middle would carry all of the trace's noise.
     """
@@ -187,16 +185,20 @@ def averaged_over(air: MeasuredAir, edges: Array) -> MeasuredAir:
     def mean(values: Array) -> Array:
         return np.asarray(np.bincount(group, values) / count)
 
-    time_s = mean(air.time_s)
+    time_s, temperature_c = mean(air.time_s), mean(air.temperature_c)
+    return replace(air, time_s=time_s, temperature_c=temperature_c, humidity_percent=mean(air.humidity_percent)), count
+
+
+def without_noise(air: MeasuredAir, count: Array) -> MeasuredAir:
+    """An air without its reference's noise, its means being of `count` (m,) readings."""
     return replace(
         air,
-        time_s=time_s,
-        temperature_c=without_noise(time_s, mean(air.temperature_c), count),
-        humidity_percent=without_noise(time_s, mean(air.humidity_percent), count),
+        temperature_c=_smooth(air.time_s, air.temperature_c, count),
+        humidity_percent=_smooth(air.time_s, air.humidity_percent, count),
     )
 
 
-def without_noise(time_s: Array, values: Array, count: Array) -> Array:
+def _smooth(time_s: Array, values: Array, count: Array) -> Array:
     """A trace, means of `count` samples each, as smooth as cross validation says that the air was (Wahba 1990, doi
     10.1137/1.9781611970128): a spline of least curvature. Where the air jumped no spline follows it: no further
     from the trace than noise goes.

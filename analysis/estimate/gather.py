@@ -5,7 +5,7 @@ were.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from weakref import WeakKeyDictionary
@@ -33,6 +33,8 @@ from shockrig.analysis.estimate.driven_air import (
     edges_of_driven,
     follow,
     follow_step,
+    trace_noise,
+    without_noise,
 )
 from shockrig.analysis.estimate.quantity import HUMIDITY, QUANTITIES, TEMPERATURE, ChannelName, Quantity
 from shockrig.analysis.estimate.without_model import (
@@ -442,15 +444,13 @@ def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
     )
     first, last = min(float(t[0]) for t, _ in samples), max(float(t[-1]) for t, _ in samples)
     air = tuple(one.air for one in usable)
-    driven = any(one is not None for one in air)
+    driven, reference_noise = any(one is not None for one in air), 0.0
     if driven:
         followed = [_followed(t, y, a, quantity) for (t, y), a in zip(samples, air, strict=True)]
         edges = edges_of_driven(first, last, period, followed)
         conditions = _with_scatter_before(conditions, quantity, air, followed)
-        air = tuple(
-            None if a is None else _as_driven(a, edges, float(t[0]), f.excess, quantity)
-            for (t, _), a, f in zip(samples, air, followed, strict=True)
-        )
+        begin = (float(t[0]) for t, _ in samples)
+        air, reference_noise = _as_driven(air, edges, zip(begin, followed, strict=True), quantity)
     else:
         fine = fine_width(samples, quantity.resolution)
         open_s = STARTS_WITHIN * float(np.where(conditions.start_known, 0.0, conditions.start_scatter_s).max())
@@ -493,6 +493,7 @@ def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
         left_out=tuple(left_out),
         common=campaign.common,
         reference_known_to=float(np.median(references)) if references else 0.0,
+        reference_noise=reference_noise,
     )
 
 
@@ -516,11 +517,22 @@ def _followed(time: Array, value: Array, air: MeasuredAir | None, quantity: Quan
     return follow(time, value, air.time_s, quantity.of_air(air), quantity.resolution)
 
 
-def _as_driven(air: MeasuredAir, edges: Array, first_s: float, excess: float, quantity: Quantity) -> MeasuredAir:
-    """A measured air as it drives the binned readings, the sensor's own state at the begin of its record in it."""
-    of_temperature = quantity is TEMPERATURE
-    air = averaged_over(air, edges)
-    return begun_unsettled(air, first_s, excess if of_temperature else 0.0, 0.0 if of_temperature else excess)
+def _as_driven(
+    airs: Sequence[MeasuredAir | None], edges: Array, begun: Iterable[tuple[float, Followed]], quantity: Quantity
+) -> tuple[tuple[MeasuredAir | None, ...], float]:
+    """Measured airs as they drive the binned readings, without the reference's noise and the sensor's own state at the
+    begin of its record in them; and how large that noise was."""
+    driving: list[MeasuredAir | None] = []
+    noises = []
+    for air, (first_s, followed) in zip(airs, begun, strict=True):
+        if air is None:
+            driving.append(None)
+            continue
+        means, count = averaged_over(air, edges)
+        noises.append(trace_noise(quantity.of_air(means)))
+        off = (followed.excess, 0.0) if quantity is TEMPERATURE else (0.0, followed.excess)
+        driving.append(begun_unsettled(without_noise(means, count), first_s, *off))
+    return tuple(driving), float(np.median(noises))
 
 
 def _with_scatter_before(
