@@ -28,7 +28,7 @@ from shockrig.files.errors import InputError
 DEATHS = 3  # of the workers of one task, from which on it is not begun again
 AHEAD = 3  # tasks for each worker that are handed out at a time
 JOINED_WITHIN = "10s"
-LOOKED_AFTER_S = 0.5
+LOOKED_AFTER_S = 0.5  # between two looks at whether a worker has ended: no outcome hangs on it
 
 Task = TypeVar("Task")
 Outcome = TypeVar("Outcome")

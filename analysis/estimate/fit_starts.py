@@ -33,7 +33,7 @@ RATES_TRIED = 60
 USUAL_SCATTER_S = 0.5  # of a start that was estimated
 LATE_S = np.arange(-0.8, 0.81, 0.04)  # starts that are tried beside it
 STUCK_MEAN_SQUARE = 1.7  # mean square of a run's whitened residuals from which its start is looked for anew
-NEXT_READINGS = np.arange(-1.0, 1.01, 0.1)  # sampling periods from a start to others that are tried
+NEXT_READINGS = np.setdiff1d(np.arange(-10, 11), 0) / 10.0  # sampling periods from a start to others that are tried
 LEAST_GAIN = 1.0  # drop of the deviance for which a start is moved
 START_GRID = np.linspace(-STARTS_WITHIN, STARTS_WITHIN, 25)  # in standard deviations of a start
 PLAINLY_WRONG = 3.0  # objective per bin from which a fit's deviations mean nothing
@@ -113,13 +113,18 @@ def scanned_starts(problem: Problem, found: Fit) -> Array | None:
         return None
     index = np.flatnonzero(scanned)
     part, late = problem.select(index), found.deviations[index]
-    near = late[:, RunEffect.START] + NEXT_READINGS[:, None] * np.where(known[index], 0.0, channel.sampling_period_s)
-    far = START_GRID[:, None] * part.scatter[:, RunEffect.START]
-    tried = np.tile(late, (near.shape[0] + far.shape[0], 1, 1))
-    tried[:, :, RunEffect.START] = np.concatenate([near, np.where(misfits[index], far, late[:, RunEffect.START])])
+    now = late[:, RunEffect.START]
+    starts = [now[None]]
+    if not known[index].all():
+        starts.append(now + NEXT_READINGS[:, None] * np.where(known[index], 0.0, channel.sampling_period_s))
+    if misfits[index].any():
+        starts.append(np.where(misfits[index], START_GRID[:, None] * part.scatter[:, RunEffect.START], now))
+    starts_s = np.concatenate(starts)
+    tried = np.tile(late, (starts_s.shape[0], 1, 1))
+    tried[:, :, RunEffect.START] = starts_s
     tried, left = with_airs(part, found.model.on(part.channel), Point(found.theta, tried))
-    best, now = np.argmin(left, axis=0), np.argmin(np.abs(NEXT_READINGS))
-    better = left[now] - left.min(axis=0) > LEAST_GAIN
+    best = np.argmin(left, axis=0)
+    better = left[0] - left.min(axis=0) > LEAST_GAIN
     if not better.any():
         return None
     moved = found.deviations.copy()

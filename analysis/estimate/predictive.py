@@ -202,19 +202,6 @@ def densities(g: Gram, discrepancies: Array, blocks: NDArray[np.int64] | None = 
     return np.asarray(-0.5 * (count + student + log_det))
 
 
-def run_densities(problem: Problem, found: Fit, prediction: Array) -> Array:
-    """Log density of each run (R,) [nats], up to a constant, under a prediction (R, n) near a fit's, Student's as in
-    the score; what a run does of its own is placed anew, to first order."""
-    count = (problem.channel.count > 0).sum(axis=1)
-    own = found.arrow.run_jacobian
-    left = problem.whiten(np.where(problem.channel.count > 0, problem.channel.value - prediction, 0.0))
-    left = left + (own @ found.deviations[..., None])[..., 0]
-    seen = (np.swapaxes(own, 1, 2) @ left[..., None])[..., 0]
-    taken = np.linalg.solve(found.arrow.blocks, seen[..., None])[..., 0]
-    off = (left**2).sum(axis=1) - (seen * taken).sum(axis=1)
-    return np.asarray(-0.5 * (NOISE_DEGREES + count) * np.log(NOISE_DEGREES + off))
-
-
 def _summed(values: Array, place: NDArray[np.int64], count: int) -> Array:
     out = np.zeros((count, *values.shape[1:]))
     np.add.at(out, place, values)

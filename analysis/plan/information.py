@@ -73,7 +73,8 @@ def imagined(problem: Problem, noise: Noise, shocks: Sequence[PlannedShock], amb
         interpolation=weights,
         wet_until_s=np.full(len(shocks), np.nan),
     )
-    return make_problem(channel, whiteners(channel, noise), problem.rate_scatter)
+    _, first, kind = np.unique(lasts_s, return_index=True, return_inverse=True)  # runs as long have the same bins
+    return make_problem(channel, whiteners(channel.select(first), noise)[kind], problem.rate_scatter)
 
 
 def _conditions(like: Conditions, shocks: Sequence[PlannedShock]) -> Conditions:

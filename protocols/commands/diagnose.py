@@ -204,7 +204,7 @@ def _search(
 def _draw(send: Send, compared: Compared, folder: Path) -> None:
     from shockrig.analysis.report.diagnosis_view import look_at
 
-    _say(f"{compared.found.name}: held-out residuals and plots")
+    _say(f"{compared.found.name}: plots")
     send(look_at(compared, folder))
 
 
