@@ -22,7 +22,6 @@ class Command(IntEnum):
     WAYPOINT = 16
     LOITER_TIME = 19
     RETURN_TO_LAUNCH = 20
-    LAND = 21
     TAKEOFF = 22
     CHANGE_SPEED = 178
 

@@ -28,18 +28,23 @@ from shockrig.analysis.learn.density import MOVE_STEP, MOVES, UNKNOWN, WALKS, Fl
 from shockrig.analysis.learn.flights_fit import LONGEST_STEP
 from shockrig.analysis.learn.laws import LAWS, Law
 from shockrig.analysis.plan.flight_plan import (
-    LANDING_FROM_M,
     LANDING_M_S,
-    LEGAL_CEILING_M,
     LEVEL_USUAL_M_S,
     TAKEOFF_M_S,
+    TAKEOFF_TO_M,
     FlightPlan,
+    Hover,
+    Leg,
+    OutAndBack,
+    Straight,
+    end_m,
     minutes,
+    seconds_of,
 )
-from shockrig.analysis.plan.legs import Climb, Descend, Hover, Leg, OutAndBack, Spiral, Turn, end_m, seconds_of
 from shockrig.files.errors import InputError
 from shockrig.files.flight import Flight
 from shockrig.files.learned import REMEDY, LearnedChannel, LearnedFile
+from shockrig.files.ranges import LIKELY_RANGES
 from shockrig.files.spelling import did_you_mean
 
 Array = NDArray[np.float64]
@@ -48,7 +53,9 @@ CANDIDATE_BINS = 64  # of a candidate flight: as fine as two models of a sensor 
 RANGE_OVER_SIGMA = math.sqrt(12.0)  # range of what is spread evenly, over its standard deviation
 STEPS, BEGIN_DAMPING = 5, 1e-3  # towards the air that suits the other model best
 MOST_CANDIDATES = 3  # of a channel: the most probable, each against each
+LEGAL_CEILING_M = 120.0  # above ground without a permission in most countries (EU 2019/947; FAA part 107: 400 ft)
 ENDURANCE_MINUTES = 20.0  # of a usual multicopter
+FAST_UP_M_S, FAST_DOWN_M_S = 5.0, 3.0
 SLOW_M_S, SLOW_LEVEL_M_S = 1.0, 2.0
 SLOWEST_SHARE = 0.4  # of the endurance that a slow climb takes at most
 HOVER_S = 120.0  # twice the time that a stem or a housing usually takes
@@ -67,13 +74,10 @@ AT_NIGHT = (
 
 @dataclass(frozen=True)
 class FlightLimits:
-    """What a drone may and can do: ceiling above home [m], endurance [min], top speeds up, down and level [m/s]."""
+    """What a drone may and can do: ceiling above home [m], endurance [min]."""
 
     ceiling_m: float = LEGAL_CEILING_M
     endurance_minutes: float = ENDURANCE_MINUTES
-    climb_m_s: float = 5.0
-    descent_m_s: float = 3.0
-    level_m_s: float = LEVEL_USUAL_M_S
 
 
 @dataclass(frozen=True)
@@ -170,40 +174,38 @@ def menu(home: tuple[float, float, float], limits: FlightLimits) -> list[tuple[s
     Raises
     ------
     InputError
-        There is none: the ceiling is too low, or the drone cannot fly so long.
+        There is none: the ceiling or home cannot be, or the drone cannot fly so long.
     """
-    low, top = LANDING_FROM_M, limits.ceiling_m
+    low, top = TAKEOFF_TO_M, limits.ceiling_m
     if not top >= low + 2.0 * LEAST_PASS_M:
         raise InputError(
             f"a ceiling of {top:g} m above home leaves no air to pass twice; expected {low + 2.0 * LEAST_PASS_M:g} m "
             "or more"
         )
+    if not LIKELY_RANGES["altitude_m"].holds(top):
+        raise InputError(f"a ceiling {LIKELY_RANGES['altitude_m'].refusal(top)}")
     middle = round(0.5 * (low + top))
-    fast_up, fast_down = limits.climb_m_s, limits.descent_m_s
-    usual_up, usual_down = min(TAKEOFF_M_S, fast_up), min(TAKEOFF_M_S, fast_down)
-    slow = min(max(SLOW_M_S, (top - low) / (SLOWEST_SHARE * 60.0 * limits.endurance_minutes)), fast_up)
-    level, slow_level = limits.level_m_s, min(SLOW_LEVEL_M_S, 0.5 * limits.level_m_s)
-    up, down = Climb(top, fast_up), Descend(low, fast_down)
-    hover, inside = Hover(top, HOVER_S), Hover(middle, HOVER_S)
+    slowest = (top - low) / max(SLOWEST_SHARE * 60.0 * limits.endurance_minutes, 1.0)
+    slow = min(max(SLOW_M_S, slowest), FAST_UP_M_S)
+    up, down, hover = Straight(top, FAST_UP_M_S), Straight(low, FAST_DOWN_M_S), Hover(HOVER_S)
     flights: dict[str, tuple[Leg, ...]] = {
-        "up and down at one speed": (Climb(top, usual_up), Descend(low, usual_down)),
+        "up and down at one speed": (Straight(top, TAKEOFF_M_S), Straight(low, TAKEOFF_M_S)),
         "up and down fast": (up, down),
-        "slow up, fast down": (Climb(top, slow), down),
+        "slow up, fast down": (Straight(top, slow), down),
         "fast up, a hover at the top, fast down": (up, hover, down),
-        "slow up, a hover at the top, fast down": (Climb(top, slow), hover, down),
-        "fast up and down with a hover halfway": (Climb(middle, fast_up), inside, Climb(top, fast_up), down),
+        "slow up, a hover at the top, fast down": (Straight(top, slow), hover, down),
+        "fast up and down with a hover halfway": (Straight(middle, FAST_UP_M_S), hover, up, down),
         "up and down twice in a row": (up, down, up, down),
-        "up and down, slow and then fast": (Climb(top, slow), down, up, Descend(low, min(slow, fast_down))),
+        "up and down, slow and then fast": (Straight(top, slow), down, up, Straight(low, min(slow, FAST_DOWN_M_S))),
         "level out and back at two airspeeds": (
-            Climb(middle, usual_up),
-            OutAndBack(LEVEL_S * slow_level, slow_level),
-            OutAndBack(LEVEL_S * level, level),
-            Descend(low, usual_down),
+            Straight(middle, TAKEOFF_M_S),
+            *(OutAndBack(LEVEL_S * airspeed, airspeed) for airspeed in (SLOW_LEVEL_M_S, LEVEL_USUAL_M_S)),
+            Straight(low, TAKEOFF_M_S),
         ),
     }
     found = []
     for what, legs in flights.items():
-        plan = FlightPlan(home, legs, takeoff_m=low, ceiling_m=top)  # raises where the place or a speed cannot be
+        plan = FlightPlan(home, legs)  # raises where the place cannot be
         if minutes(plan) <= limits.endurance_minutes:
             found.append((what, plan))
     if not found:
@@ -217,7 +219,7 @@ def menu(home: tuple[float, float, float], limits: FlightLimits) -> list[tuple[s
 def planned_bins(plan: FlightPlan, learned: LearnedFile) -> FlightBins:
     """Bins of a flight as they will be, read once a second in calm air."""
     times, heights, airspeeds, at_m = [0.0], [0.0], [], 0.0
-    for leg in (Climb(plan.takeoff_m, TAKEOFF_M_S), *plan.legs, Descend(0.0, LANDING_M_S)):
+    for leg in (Straight(TAKEOFF_TO_M, TAKEOFF_M_S), *plan.legs, Straight(0.0, LANDING_M_S)):
         times.append(times[-1] + seconds_of(leg, at_m))
         airspeeds.append(_airspeed(leg))
         at_m = end_m(leg, at_m)
@@ -230,7 +232,7 @@ def planned_bins(plan: FlightPlan, learned: LearnedFile) -> FlightBins:
 def _airspeed(leg: Leg) -> float:
     """In calm air [m/s]."""
     match leg:
-        case Climb(_, speed) | Descend(_, speed) | OutAndBack(_, speed) | Turn(_, _, speed) | Spiral(_, _, _, speed):
+        case Straight(_, speed) | OutAndBack(_, speed):
             return speed
         case Hover():
             return 0.0
