@@ -250,6 +250,8 @@ class JumpTrials:
         for k in range(first, last + 1):
             begins_s = track.time_s[k] - track.period_s
             low, high = (float(np.clip((at_s - begins_s) / track.period_s, 0.0, 1.0)) for at_s in (first_s, last_s))
+            if low == 1.0 and first < last:  # the other sensor's reading at this node was of the air before
+                continue
             for place in np.unique(np.clip((0.0, *PLACES_IN_STEP, 1.0), low, high)).tolist():
                 self.add((k, 0, size, place), bounds=(low, high))
 

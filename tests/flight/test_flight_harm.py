@@ -558,6 +558,20 @@ def test_between_which_readings_the_air_jumped_is_told_by_another_sensor():
     assert np.count_nonzero(alone > 10.0) >= 2 and told.max() < 0.3, (alone, told)
 
 
+def test_a_jump_behind_a_reading_of_the_other_sensor_is_behind_its_own_as_well():
+    """A door right behind two readings at one time, one of which shows at once that it was not there yet: one row that
+    came out as far off as the door is wide."""
+    time_s, rng = 0.1 * np.arange(600), np.random.default_rng(2)
+    air = np.where(time_s > 30.05, 13.3, 27.3)
+    at = int(np.argmax(air < 20.0))
+    reading = 27.3 - 14.0 * (1.0 - np.exp(-3.0 * np.maximum(time_s - time_s[at - 1], 0.0)))
+    reading += 0.02 * rng.standard_normal(600)
+    response = LagResponse(np.ones((600, 1)), np.full((600, 1), 3.0), np.zeros(600))
+    known = time_s[None, at - 1 : at + 1]
+    found = estimate(time_s, reading, np.ones(600, dtype=bool), response, np.full(600, 0.02**2), jumped_s=known)
+    assert np.max(np.abs(found.air - air)) < 0.5
+
+
 def test_every_number_whose_sensitivity_is_counted_is_one_of_the_correction():
     sensitivity = benchmark("flight_sensitivity")
     for name in (*sensitivity.SMOOTHER, *sensitivity.CAUSAL):
