@@ -10,8 +10,8 @@ from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Transfer, 
 from shockrig.rig.seams import Air
 
 if TYPE_CHECKING:
+    from shockrig.analysis.diagnose.shock import PlannedShock, Surroundings
     from shockrig.analysis.plan.decision import Decision
-    from shockrig.analysis.plan.shock import PlannedShock, Surroundings
     from shockrig.rig.bench import Bench
 
 TRANSFER_AT_MOST_S = 60.0  # a person may carry the probes; a stage has deadlines of its own
@@ -76,7 +76,7 @@ def feasible_on(bench: Bench) -> Callable[[PlannedShock], bool]:
 
 def surroundings_of(bench: Bench) -> Surroundings:
     """The pressures and lights that a bench can make besides the laboratory's."""
-    from shockrig.analysis.plan.shock import Surroundings
+    from shockrig.analysis.diagnose.shock import Surroundings
 
     return Surroundings(bench.pressures_hpa, bench.irradiances_w_m2)
 

@@ -8,12 +8,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.analysis.diagnose.shock import LONGEST_S, PlannedShock
 from shockrig.analysis.plan.designs import Designs
 from shockrig.analysis.plan.evidence import REJECTED_FROM
 from shockrig.analysis.plan.information import nats
 from shockrig.analysis.plan.minutes import Airs, Minutes, airs_of, airs_of_run
 from shockrig.analysis.plan.precision import FEWEST_RUNS, UNKNOWN_SIGMA, Target
-from shockrig.analysis.plan.shock import LONGEST_S, PlannedShock
 from shockrig.analysis.plan.varied import farthest, is_again, shock_of
 from shockrig.files.campaign import Campaign, Run
 

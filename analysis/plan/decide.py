@@ -18,7 +18,17 @@ from numpy.typing import NDArray
 from shockrig.analysis.characterize.result import Characterization
 from shockrig.analysis.checks.campaign_checks import checked
 from shockrig.analysis.diagnose.diagnosed import ChannelOutcome
+from shockrig.analysis.diagnose.experiments import imagined, rates_known
 from shockrig.analysis.diagnose.grammar import MOST_RUNS
+from shockrig.analysis.diagnose.shock import (
+    ORDINARY,
+    USUAL_C,
+    PlannedShock,
+    Surroundings,
+    Usual,
+    deciding_menu,
+    opening,
+)
 from shockrig.analysis.estimate.fit import Fit, apart, linearise
 from shockrig.analysis.estimate.model import Point, Structure
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, looked_for
@@ -35,19 +45,10 @@ from shockrig.analysis.plan.decision import (
 from shockrig.analysis.plan.designs import Designs, menu_of
 from shockrig.analysis.plan.evidence import OLD_RUNS_POWER, REJECTED_FROM, student
 from shockrig.analysis.plan.goals import QUANTITY_OF, Goals, Place, place_of, places
-from shockrig.analysis.plan.information import imagined, nats, rates_known
+from shockrig.analysis.plan.information import nats
 from shockrig.analysis.plan.judged import ChannelLook, Verdict, diagnosed, extended, look_at
 from shockrig.analysis.plan.minutes import learn, spent_minutes
 from shockrig.analysis.plan.precision import Target, gained_by, measured, targets
-from shockrig.analysis.plan.shock import (
-    ORDINARY,
-    USUAL_C,
-    PlannedShock,
-    Surroundings,
-    Usual,
-    deciding_menu,
-    opening,
-)
 from shockrig.analysis.plan.varied import shock_of, usual_of, variety
 from shockrig.files.campaign import Campaign
 from shockrig.files.errors import InputError

@@ -11,15 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.characterize.result import ChannelResult, Characterization
-from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName
-from shockrig.analysis.fleet.fleet_prior import WithFleet
-from shockrig.analysis.fleet.statistics import LEAST_VARIANCE, film
-from shockrig.analysis.plan.evidence import REJECTED_FROM, student
-from shockrig.analysis.plan.goals import Goals, Place
-from shockrig.analysis.plan.information import Information, information, rates_at, separations
-from shockrig.analysis.plan.judged import ChannelLook
-from shockrig.analysis.plan.precision import Target
-from shockrig.analysis.plan.shock import (
+from shockrig.analysis.diagnose.experiments import separations
+from shockrig.analysis.diagnose.shock import (
     LONG_S,
     LONGEST_S,
     SHORTEST_S,
@@ -29,6 +22,14 @@ from shockrig.analysis.plan.shock import (
     deciding_menu,
     precision_menu,
 )
+from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName
+from shockrig.analysis.fleet.fleet_prior import WithFleet
+from shockrig.analysis.fleet.statistics import LEAST_VARIANCE, film
+from shockrig.analysis.plan.evidence import REJECTED_FROM, student
+from shockrig.analysis.plan.goals import Goals, Place
+from shockrig.analysis.plan.information import Information, information, rates_at
+from shockrig.analysis.plan.judged import ChannelLook
+from shockrig.analysis.plan.precision import Target
 from shockrig.analysis.plan.varied import shock_of, variety
 from shockrig.files.campaign import Run
 from shockrig.files.fleet_file import ALPHA, Coordinate, Population

@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.analysis.diagnose.shock import SHORTEST_S, USUAL_C, PlannedShock, Surroundings, Usual
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.quantity import QUANTITIES
 from shockrig.analysis.plan.goals import Goals, Place
 from shockrig.analysis.plan.judged import ChannelLook
 from shockrig.analysis.plan.minutes import airs_of_run, recorded_s
-from shockrig.analysis.plan.shock import SHORTEST_S, USUAL_C, PlannedShock, Surroundings, Usual
 from shockrig.files.campaign import Campaign, Run
 
 Array = NDArray[np.float64]

@@ -123,10 +123,10 @@ def _place(text: str) -> tuple[float, float, float]:
 
 
 def _plan_runs(args: argparse.Namespace) -> int:
+    from shockrig.analysis.diagnose.shock import ORDINARY
     from shockrig.analysis.plan.decide import anything, decide
     from shockrig.analysis.plan.decision import CONTINUE, log_entry, plan_document, remembered
     from shockrig.analysis.plan.goals import parse_goals
-    from shockrig.analysis.plan.shock import ORDINARY
     from shockrig.analysis.plan.varied import usual_of
     from shockrig.files.disk import write_whole
     from shockrig.files.fleet_file import read_fleet

@@ -45,7 +45,7 @@ def test_the_runs_asked_for_decide(undecided, tmp_path):
     truth, plan, content = undecided
     asked = content["next_experiments"]
     assert any(run["airflow_m_s"] != plan[0].airflow_m_s for run in asked)
-    longer = [*plan, *plan_from_runs(asked, first=len(plan) + 1)]
+    longer = [*plan, *plan_from_runs(asked, first=100)]
     path = simulate_campaign(truth, longer, np.random.default_rng(4), tmp_path / "campaign")
     after = diagnosed(path)["channels"]["temperature"]
     (cause,) = after["causes"]

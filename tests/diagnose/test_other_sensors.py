@@ -8,15 +8,14 @@ from foreign_lab import Arrival, Lab, LabLogger, LabRun, Written, make_body, rec
 from foreign_worlds import draw
 
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
-from shockrig.analysis.diagnose.experiments import propose
+from shockrig.analysis.diagnose.experiments import propose, separations
 from shockrig.analysis.diagnose.refitting import refit
+from shockrig.analysis.diagnose.shock import PlannedShock
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.channel import FINE_BIN_WIDTHS, edges_after_transfer, fine_width
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import PLAIN, Model, Structure
 from shockrig.analysis.physics import readings
-from shockrig.analysis.plan.information import separations
-from shockrig.analysis.plan.shock import PlannedShock
 from shockrig.files.campaign import read_campaign
 
 
@@ -55,7 +54,7 @@ def test_what_its_reference_is_off_by_in_all_runs_is_not_the_sensor_s(tmp_path):
     assert found.search.plain.fit.theta[-1] == pytest.approx(-0.116, abs=0.02)
     # Runs that would tell another explanation apart are made beside it. Before: models of another size, and a crash.
     rival = refit(found.problem, Structure((CATALOGUE["series_lag"],)), found.final)
-    assert propose(found.problem, [(found.final, rival)])
+    assert propose(found.problem, found.noise, [(found.final, rival)])
     assert separations(found.problem, found.noise, found.final, rival, [PlannedShock(40.0, 18.0, 20.0, 55.0)]) >= 0.0
 
 

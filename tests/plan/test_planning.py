@@ -14,8 +14,10 @@ from benchmark_scripts import benchmark
 from small_worlds import QUIET
 
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
+from shockrig.analysis.diagnose.experiments import separations
 from shockrig.analysis.diagnose.prepare import prepare
 from shockrig.analysis.diagnose.refitting import plain_fit, refit
+from shockrig.analysis.diagnose.shock import PlannedShock, Surroundings, Usual, deciding_menu, opening, precision_menu
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.fit import fit
 from shockrig.analysis.estimate.gather import build_channel
@@ -35,11 +37,10 @@ from shockrig.analysis.plan.decision import (
 from shockrig.analysis.plan.designs import Designs
 from shockrig.analysis.plan.evidence import REJECTED_FROM, Dispute, against, student
 from shockrig.analysis.plan.goals import Goals, Precision, parse_goals
-from shockrig.analysis.plan.information import information, nats, separations
+from shockrig.analysis.plan.information import information, nats
 from shockrig.analysis.plan.judged import ChannelLook, Verdict, look_at, spending
 from shockrig.analysis.plan.minutes import USUAL_BETWEEN_RECORDS, airs_of, learn, spent_minutes
 from shockrig.analysis.plan.precision import Target, gained_by, measured, targets
-from shockrig.analysis.plan.shock import PlannedShock, Surroundings, Usual, deciding_menu, opening, precision_menu
 from shockrig.analysis.plan.varied import variety
 from shockrig.analysis.report.loop_page import chosen_section
 from shockrig.files.campaign import Run, RunAir

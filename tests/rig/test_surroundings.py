@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from small_worlds import QUIET
 
+from shockrig.analysis.diagnose.shock import PlannedShock, Surroundings
 from shockrig.analysis.plan.decide import decide
 from shockrig.analysis.plan.goals import parse_goals
-from shockrig.analysis.plan.shock import PlannedShock, Surroundings
 from shockrig.files.campaign import read_campaign
 from shockrig.protocols.decided import as_protocol, feasible_on, surroundings_of
 from shockrig.rig.bench import default_bench, open_bench, virtual_bench
