@@ -35,7 +35,8 @@ SMOOTHER = (
     "comparisons.LEAST_OF_ITS_SIZE", "comparisons.MOST_OF_ITS_SIZE", "comparisons.NOT_AS_STATED",
     "comparisons.MOST_TIMES", "comparisons.COVERED_S", "air_prior.BINS_PER_OCTAVE", "screen.MOST_SHARE_OFF",
     "screen.LEAST_COLUMNS_APART", "smooth_channel.TO_AND_FRO", "smooth_channel.LEAST_CALM",
-    "smooth_channel.PLACES_IN_GAP", "smooth_channel.COMPARABLE_SHARE", "stretches.LEAST_TURNED",
+    "smooth_channel.PLACES_IN_GAP", "smooth_channel.COMPARABLE_SHARE", "smooth_channel.MOST_SURPRISE",
+    "stretches.LEAST_TURNED",
     "stretches.FELT_SHARE", "stretches.ALIVE_SHARE", "sweep.GAP_NODES", "screen.FELT_SIGMAS", "screen.ON_THE_WAY",
     "stretches.LEFT_SHARE", "unread.SLOPE_BLOCKS", "unread.FEWEST_BLOCKS", "unread.MOVED_SIGMAS", "unread.SURE_SIGMAS",
 )  # fmt: skip

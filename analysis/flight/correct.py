@@ -26,12 +26,13 @@ from shockrig.analysis.flight.flight_channel import (
     own_changes,
     too_few,
     untouched,
+    with_own_steps,
 )
 from shockrig.analysis.flight.humidity_channel import correct_humidity, felt_by_film
 from shockrig.analysis.flight.inverse import exact_inverse, paper
 from shockrig.analysis.flight.response import bead_response, unsure_of_airspeed
+from shockrig.analysis.flight.screen import Screened, code_notes, screen, without_codes
 from shockrig.analysis.flight.screen import clock as put_in_order
-from shockrig.analysis.flight.screen import code_notes, screen, without_codes
 from shockrig.analysis.flight.smooth_channel import LONGEST_BRIDGE_S, Estimate, estimate, typical_period
 from shockrig.analysis.flight.stretches import felt_jumps, largest_share
 from shockrig.analysis.flight.undo_readout import (
@@ -75,6 +76,7 @@ def _smoother(readings: FlightReadings, cutoff_hz: float | None = None) -> Estim
         readings.rounding,
         readings.jumped_s,
         readings.loud,
+        readings.stepped,
     )
 
 
@@ -233,14 +235,12 @@ def _temperature(
     climb = climb_m_s(flight)
     notes.extend(not_undone(part.effects, "temperature", part.discovered, *[climb_unknown] * (climb is None)))
     plain = undone(effects, raw, stream, part.bead_radius_m, period)
-    change = own_changes(raw, screened, screened)
-    jumped = np.zeros(raw.shape) if change is None else change.offset / plain.gain
     variance = (np.hypot(noise * screened.louder, screened.resolution / np.sqrt(12)) / plain.gain) ** 2
     steps = coarse(screened.resolution, noise, 1.0 / plain.gain)
-    readings = FlightReadings(
+    every = FlightReadings(
         "temperature",
         time_s,
-        plain.reading - jumped,
+        plain.reading,
         screened.usable,
         response,
         variance,
@@ -249,7 +249,14 @@ def _temperature(
         jumped_s=None if felt is None else felt_jumps(felt, time_s),
         loud=screened.loud,
     )
-    found = solve(readings, cutoff_hz)
+    more: Screened | None = screened
+    while more is not None:
+        screened, change = more, own_changes(raw, more, more)
+        jumped = np.zeros(raw.shape) if change is None else change.offset / plain.gain
+        stepped = np.broadcast_to(screened.own_steps != 0.0, raw.shape)
+        readings = replace(every, reading=plain.reading - jumped, stepped=stepped)
+        found = solve(readings, cutoff_hz)
+        more = with_own_steps(screened, found, plain.gain)
     everywhere = np.ones(raw.size)
     outside = unseen(part.discovered, stream.airflow_m_s, raw)
     channel = judged(readings, found, plain, screened, outside, raw - jumped, everywhere, notes)

@@ -57,6 +57,8 @@ class FlightReadings:
         Times between which another sensor saw the air jump.
     loud : ndarray (n,) or None
         Readings in bursts of noise.
+    stepped : ndarray (n,) or None
+        Rows from which on the sensor is known to read more or less than before.
     told : ndarray (n,) or None
         What the sensor would have read, where that is told by another; NaN elsewhere.
     """
@@ -72,6 +74,7 @@ class FlightReadings:
     rounding: Array | None = None
     jumped_s: Array | None = None
     loud: Mask | None = None
+    stepped: Mask | None = None
     told: Array | None = None
 
 
@@ -106,8 +109,16 @@ def own_changes(raw: Array, screened: Screened, around: Screened, least: float |
     factor = np.ones(raw.shape)
     if least is not None:
         jumps = np.flatnonzero(steps)
-        factor[jumps] = np.maximum(raw[jumps], least) / np.maximum(raw[jumps - 1], least)
+        factor[jumps] = np.maximum(raw[jumps], least) / np.maximum(raw[jumps] - steps[jumps], least)
     return Changed(steps, np.asarray(np.cumprod(factor)))
+
+
+def with_own_steps(screened: Screened, found: Estimate, unit: Array) -> Screened | None:
+    """The screened readings with the steps of the sensor's own that a method found, in the readings' `unit` (n,); None
+    where it found none."""
+    if not found.own_steps.any():
+        return None
+    return replace(screened, own_steps=screened.own_steps + found.own_steps * unit)
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from shockrig.analysis.flight.flight_channel import (
     slope,
     too_few,
     untouched,
+    with_own_steps,
 )
 from shockrig.analysis.flight.response import LagResponse, film_response, unsure_of_airspeed
 from shockrig.analysis.flight.screen import Screened, resolution_of, screen
@@ -296,7 +297,7 @@ def _through_vapour(
 ) -> FlightChannel:
     """The air's humidity: vapour from the readings, the air's vapour from that, and back at the air's temperature."""
     raw, time_s, air, screened = flight.humidity_percent, flight.time_s, film.air_c, film.screened
-    response = film.response
+    response, said = film.response, len(notes)
     sigma = bridged(time_s, bead.uncertainty)
     sigma = np.zeros(raw.shape) if sigma is None else sigma
     activity, unsure_activity = uptake(film.effects)
@@ -332,6 +333,9 @@ def _through_vapour(
     doubt = _of_temperature(readings, air, error, bead) if alike else TemperatureDoubt(raw.shape)
     readings = replace(readings, passing=doubt.passing, usable=doubt.usable(screened.usable))
     found = solve(readings, cutoff_hz)
+    if (more := with_own_steps(screened, found, from_vapour * plain.gain)) is not None:
+        del notes[said:]
+        return _through_vapour(flight, replace(film, screened=more), stream, bead, solve, cutoff_hz, told, notes)
     if alike:
         readings, found = where_unread(readings, air, error, found, lambda rest: solve(rest, cutoff_hz))
     found = _as_the_film(found, readings.reading, doubt.vague & screened.usable & ~screened.loud)
@@ -365,6 +369,7 @@ def _of_vapour(
         rounding=coarse(screened.resolution, film.noise, per_reading),
         jumped_s=None if bead.jumps_s is None else np.stack([bead.jumps_s, bead.jumps_s], axis=1),
         loud=screened.loud,
+        stepped=np.broadcast_to(screened.own_steps != 0.0, screened.usable.shape),
     )
 
 

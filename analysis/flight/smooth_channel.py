@@ -23,7 +23,16 @@ from shockrig.analysis.flight.air_prior import (
 from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.smoother import Jumps
 from shockrig.analysis.flight.stretches import MOST_SHARE, largest_beside, largest_share
-from shockrig.analysis.flight.sweep import Sweep, Track, costs, lags_behind, propagated, swept, within_a_step
+from shockrig.analysis.flight.sweep import (
+    Sweep,
+    Track,
+    costs,
+    lags_behind,
+    misfit,
+    propagated,
+    swept,
+    within_a_step,
+)
 
 Array = NDArray[np.float64]
 
@@ -51,6 +60,8 @@ KNOWN_SIGMAS = 2.0
 KNOWN_APART = 3.0  # samples within which a jump that another sensor saw is the same one
 PLACES_IN_GAP, ALIKE_NATS = 12, 2.0  # that are tried; of log-likelihood, within which none is better: two sigmas
 BELIEVED_NATS = 4.5  # of log-likelihood that it may cost: three sigmas
+OWN_NEIGHBOURS = (-2, -1, 0, 1, 2)  # samples about the one found, that a sensor's own step is looked for at
+MOST_SURPRISE = 3.0  # mean square, of the readings about such a step: where nothing explains them it is none
 
 
 def none(count: int) -> Jumps:
@@ -73,13 +84,15 @@ def with_jumps(
     refit: Callable[[Array], Prior],
     known_s: Array,
     loud: NDArray[np.bool_],
-) -> tuple[Sweep, Prior, Jumps]:
-    """Sweep, strengths (fitted anew by `refit` to the readings without the jumps) and the jumps.
+    stepped: NDArray[np.bool_],
+) -> tuple[Sweep, Prior, Jumps, Array]:
+    """Sweep, strengths (fitted anew by `refit` to the readings without the jumps), the jumps, and the steps (n,) of the
+    sensor itself, without which the readings are swept.
 
     `known_s` (j, 2) are times between which another sensor saw the air jump: there, if anywhere near. `loud` (n,) are
-    readings in bursts of noise.
+    readings in bursts of noise, and at nodes about those that `stepped` (n,) no step of the sensor is looked for.
     """
-    jumps = none(values.size)
+    jumps, own = none(values.size), np.zeros(values.size)
     found = swept(track, values, variance, local, jumps)
     typical = local.each(lambda strength: np.full(values.size, np.median(strength)))
     guess = lags_behind(values, track.along, track.period_s, track.broken)
@@ -94,16 +107,88 @@ def with_jumps(
         if known + places.size > MOST_JUMPS:
             # about a large one many seem to be, until it is in
             places = _standing_out(places, found.jump_score)
-        if not places.size or known + places.size > MOST_JUMPS:
+        # beside a jump of the air that is not in yet all residuals are off
+        also = places if places.size else _own_places(track, values, variance, found, stepped | (own != 0.0))
+        if not also.size or known + places.size > MOST_JUMPS:
             break
-        for k in places:
+        for k in also.tolist():
             # before air as calm as it is elsewhere, a jump has its place most sharply
-            jumps = _best(track, values, variance, typical, jumps, int(k), found.jump[k], known_s, guess, loud)
-        found = swept(track, values, variance, local, jumps, found)
+            best = _best(track, values, variance, typical, jumps, k, found.jump[k], known_s, guess, loud)
+            if isinstance(best, OwnStep):
+                own[best.node] += best.size
+                values = values - np.where(np.arange(values.size) >= best.node, best.size, 0.0)
+                guess = lags_behind(values, track.along, track.period_s, track.broken)
+            elif k in places:
+                jumps = best
+        found = swept(track, values, variance, local, jumps, None if own.any() else found)
         if number == 0:
             local = refit(without(track, values, found, jumps))
             found = swept(track, values, variance, local, jumps)
-    return found, local, jumps
+    return found, local, jumps, own
+
+
+def _own_places(
+    track: Track, values: Array, variance: Array, found: Sweep, stepped: NDArray[np.bool_]
+) -> NDArray[np.int64]:
+    """Nodes from which on the sensor seems to read more or less than it did, by its readings' residuals: what is left
+    of all behind a node, over their variance, is how a step there pulls (its auxiliary residual)."""
+    read = np.isfinite(variance)
+    pull = np.cumsum(np.where(read, values - found.clean, 0.0)[::-1] / variance[::-1])[::-1]
+    for stretch in track.stretches:
+        # of a stretch that ends within the flight those behind are none of it
+        pull[stretch] -= np.median(pull[stretch])
+    size = np.abs(pull) / max(MAD_TO_SIGMA * float(np.median(np.abs(pull[read]))), np.finfo(float).tiny)
+    near = maximum_filter1d(stepped.astype(int), 2 * LOOK_BACK + 1) > 0
+    largest = maximum_filter1d(size, 2 * LOOK_BACK + 1, mode="nearest")
+    places = np.flatnonzero((size > JUMP_SIGMAS) & (size >= largest) & read & ~near)
+    return places if places.size <= MOST_JUMPS else places[:0]
+
+
+@dataclass(frozen=True)
+class OwnStep:
+    """A sensor that reads `size` more from a node on than it did, and minus the log-likelihood of the readings
+    around."""
+
+    node: int
+    size: float
+    cost: float
+
+
+def _own_step(
+    track: Track,
+    values: Array,
+    variance: Array,
+    local: Prior,
+    jumps: Jumps,
+    nodes: NDArray[np.int64],
+    near: int,
+    guess: tuple[Array, Array],
+) -> OwnStep | None:
+    """The likeliest step of the sensor itself about a node, between two readings; None where there are no such, or none
+    that leaves the readings as they may be."""
+    read = np.isfinite(variance)
+    places = near + np.array(OWN_NEIGHBOURS)
+    places = places[(places > nodes[0]) & (places <= nodes[-1])]
+    places = places[read[places] & read[places - 1]]
+    if not places.size:
+        return None
+    here = Jumps(jumps.variance[nodes], jumps.place[nodes])
+    unit = float(local.noise[near])
+    # the log-likelihood of readings that are off is a parabola of by how much
+    behind = unit * (nodes >= places[:, None])
+    off = np.concatenate([np.zeros((1, nodes.size)), behind, -behind])
+    cost = costs(track, values, variance, local, [here] * len(off), nodes, guess, off)
+    more, less = cost[1:].reshape(2, -1) - cost[0]
+    slope, bend = 0.5 * (more - less), more + less
+    # under a variance that is as large as it comes out, as those of the air's jumps are
+    size = -slope / bend
+    square = bend * size**2
+    own = cost[0] - 0.5 * square**2 / (square + 1.0) + 0.5 * np.log1p(square)
+    best = int(np.argmin(own))
+    of_best = size[best] * behind[best : best + 1]
+    if misfit(track, values, variance, local, here, nodes, guess, of_best) > MOST_SURPRISE:
+        return None
+    return OwnStep(int(places[best]), float(size[best] * unit), float(own[best]))
 
 
 def _places(track: Track, variance: Array, score: Array, known_s: Array) -> NDArray[np.int64]:
@@ -149,9 +234,9 @@ def _best(
     known_s: Array,
     guess: tuple[Array, Array],
     loud: NDArray[np.bool_],
-) -> Jumps:
+) -> Jumps | OwnStep:
     """The jumps with one more near a node: of the air, of its slope, or a ramp; `size` (2,) as found, placed where it
-    makes the readings most likely.
+    makes the readings most likely. Or a step of the sensor itself, where no air explains the readings as well.
 
     In a gap it may have been at any place that the readings behind do not refute. A jump at one of several places, each
     as likely, has the mean and the variance of jumps at all of them that share its variance. In a burst of noise it may
@@ -208,6 +293,11 @@ def _best(
         finer = trials.finer(int(sharp[np.argmin(cost[sharp])]))
         of_finer = costs(track, values, variance, local, finer, nodes, guess) if finer else np.zeros(0)
         tried, cost = tried + finer, np.append(cost, of_finer)
+    if not places.size:
+        own = _own_step(track, values, variance, local, jumps, nodes, near, guess)
+        # before the flight is looked at it is as likely in every row, and about one in a flight
+        if own is not None and own.cost + np.log(values.size) < cost.min():
+            return own
     return trials.with_one(tried[int(np.argmin(cost))])
 
 
@@ -335,7 +425,8 @@ class Estimate:
 
     `noise_factor`: fitted over expected noise, one sigma; `cutoff_hz`: of the low-pass, where the method has one;
     `resolved_rate`: angular frequency [1/s] above which the air is not resolved; `amplified`: variance of the reading's
-    noise in an inverse's air; `jumps_s`: times at which the air jumped, where the method looks for them.
+    noise in an inverse's air; `jumps_s`: times at which the air jumped, where the method looks for them; `own_steps`:
+    by how much the sensor itself reads more from a row on than before it, where the method looks for that.
     """
 
     air: Array
@@ -346,6 +437,7 @@ class Estimate:
     resolved_rate: float = 30.0
     amplified: float = 0.0
     jumps_s: Array = field(default_factory=lambda: np.zeros(0))
+    own_steps: Array = field(default_factory=lambda: np.zeros(0))
 
 
 def estimate(
@@ -359,6 +451,7 @@ def estimate(
     rounding: Array | None = None,
     jumped_s: Array | None = None,
     loud: NDArray[np.bool_] | None = None,
+    stepped: NDArray[np.bool_] | None = None,
 ) -> Estimate:
     """Smooth one channel.
 
@@ -380,6 +473,8 @@ def estimate(
         Times between which another sensor saw the air jump, or at which, twice.
     loud : (n,), optional
         Readings in bursts of noise: they say nothing of how strongly the air varies.
+    stepped : (n,), optional
+        Rows from which on the sensor is known to read more or less: about them no such step is looked for.
     """
     on = _on_nodes(time_s, reading, usable, response, delay_s, passing)
     if on is None:
@@ -391,7 +486,9 @@ def estimate(
     noise_factor = float(local.noise[0]) / strengths.expected if rounding is None else 1.0
     variance = np.where(on.measured, noise_variance[on.row] * noise_factor**2, np.inf)
     known_s = np.zeros((0, 2)) if jumped_s is None else jumped_s
-    found, local, jumps = with_jumps(track, on.bridged, variance, local, strengths, known_s, strengths.loud)
+    known = np.zeros(on.row.shape, dtype=bool) if stepped is None else stepped[on.row] & on.measured
+    found, local, jumps, own = with_jumps(track, on.bridged, variance, local, strengths, known_s, strengths.loud, known)
+    on = replace(on, bridged=on.bridged - np.cumsum(own))
     if rounding is None:
         brief = _brief(track.time_s, on.measured, BRIEF_LAGS * response.slowest_s)
         found, local = _of_samples(on, variance, brief, noise_factor, jumps, found, local, strengths)
@@ -404,7 +501,10 @@ def estimate(
         # for as long as a rounded reading stays, so does what it is off by
         changes = np.count_nonzero(np.diff(reading[usable]))
         rate = min(rate, np.pi * (changes + 1) / float(np.ptp(time_s[usable])))
-    return Estimate(air, node_variance, clean, noise_factor, resolved_rate=rate, jumps_s=when(track, jumps))
+    own_steps = np.zeros(time_s.shape)
+    np.add.at(own_steps, on.row[own != 0.0], own[own != 0.0])
+    found_s = when(track, jumps)
+    return Estimate(air, node_variance, clean, noise_factor, resolved_rate=rate, jumps_s=found_s, own_steps=own_steps)
 
 
 @dataclass(frozen=True)

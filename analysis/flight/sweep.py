@@ -106,12 +106,30 @@ def costs(
     tried: Sequence[Jumps],
     nodes: NDArray[np.int64],
     guess: tuple[Array, Array],
+    off: Array | float = 0.0,
 ) -> Array:
-    """Minus the log-likelihood (t,) of the readings at some neighbouring nodes under each of the jumps, which are of
-    those nodes; `guess` is where the lags stand (`lags_behind`)."""
+    """Minus the log-likelihood (t,) of the readings at some neighbouring nodes (m,) under each of the jumps, which are
+    of those nodes, and with the sensor `off` (t, m) by so much; `guess` is where the lags stand (`lags_behind`)."""
     at = np.tile(nodes, (len(tried), 1))
     jumps = Jumps(np.stack([one.variance for one in tried]), np.stack([one.place for one in tried]))
-    return _smoothed(track, values, variance, local, jumps, at, guess, True).cost.sum(axis=1)
+    return _smoothed(track, values, variance, local, jumps, at, guess, True, off=off).cost.sum(axis=1)
+
+
+def misfit(
+    track: Track,
+    values: Array,
+    variance: Array,
+    local: Prior,
+    jumps: Jumps,
+    nodes: NDArray[np.int64],
+    guess: tuple[Array, Array],
+    off: Array,
+) -> float:
+    """Mean square of how much the readings at some neighbouring nodes (m,) surprise, in their sigmas, with those jumps
+    and with the sensor `off` (1, m) by so much."""
+    here = Jumps(jumps.variance[None], jumps.place[None])
+    found = _smoothed(track, values, variance, local, here, nodes[None], guess, off=off)
+    return float(np.nanmean(found.surprise**2))
 
 
 def _smoothed(
@@ -124,9 +142,10 @@ def _smoothed(
     guess: tuple[Array, Array],
     only_cost: bool = False,
     scored: bool = True,
+    off: Array | float = 0.0,
 ) -> Smoothed:
-    """Rows of neighbouring nodes `at` (w, n) with jumps (w, n) in them; `guess` is where the lags stand
-    (`lags_behind`)."""
+    """Rows of neighbouring nodes `at` (w, n) with jumps (w, n) in them, their readings `off` (w, n) by so much; `guess`
+    is where the lags stand (`lags_behind`)."""
     # neighbours: of one row a part of the arrays does, which copies nothing
     rows = (None, slice(int(at[0, 0]), int(at[0, -1]) + 1)) if len(at) == 1 else at
     step = np.diff(track.time_s[rows], axis=1, prepend=track.time_s[at[:, :1]])
@@ -144,7 +163,7 @@ def _smoothed(
     lag_spread = np.where(track.broken[first][:, None], spread[:, None], apart[first] + 5.0 * prior.noise[:, :1])
     along = track.along.at(rows)
     return smooth(
-        step, values[rows], noise, along, lags[first], prior, spread, here, lag_spread, jumps, only_cost, scored
+        step, values[rows] - off, noise, along, lags[first], prior, spread, here, lag_spread, jumps, only_cost, scored
     )
 
 
