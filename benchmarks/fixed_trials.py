@@ -105,7 +105,7 @@ TAKEN = (
     # The logger's mean of ten readings, 0.1 s apart, in noise that hangs together over seconds and hides it.
     Taken("moving_average", 905, "lag_in_series", "samples", lambda one: 10.0 * one.time_constant_s.value, 1e-6),
     # No ramp of the air with a lag and a delay beside it, which together do nearly as well.
-    Taken("moving_average", 905, "", "samples", lambda cause: cause.parameters["samples"][0], 1e-6, listed=True),
+    Taken("moving_average", 905, "", "samples", lambda cause: cause.parameters["samples"].value, 1e-6, listed=True),
 )
 
 
@@ -201,7 +201,7 @@ def named_alone(named: Named) -> tuple[bool, str]:
         return False, said
     cause = causes[named.effect]
     near = all(
-        abs(cause.parameters[name][0] - true) < 3.0 * cause.parameters[name][1] + named.slack
+        abs(cause.parameters[name].value - true) < 3.0 * cause.parameters[name].standard_uncertainty + named.slack
         for name, true in named.parameters.items()
     )
     return near and ("*" in named.alike or set(cause.indistinguishable_from) <= set(named.alike)), said

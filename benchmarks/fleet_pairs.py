@@ -22,7 +22,6 @@ from pathlib import Path
 import numpy as np
 
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
-from shockrig.analysis.diagnose.diagnosed import stated_cause
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.fleet.whose import DiagnosedProbe, judged_causes
 from shockrig.files.campaign import read_campaign
@@ -114,7 +113,7 @@ def diagnosis(truth: Truth, probe: str, channel: str, seed: tuple[int, ...]) -> 
         rng = np.random.default_rng([*seed, int(probe)])
         campaign = read_campaign(simulate_campaign(of_probe(truth, probe), plan, rng, Path(folder) / "c"))
     found = diagnose_channel(build_channel(campaign, channel))
-    return tuple(stated_cause(cause).as_effect() for cause in found.causes)
+    return tuple(cause.as_effect() for cause in found.causes)
 
 
 def judged(case: str, hidden: Hidden | None, probe: str, causes: tuple[FleetCause, ...]) -> tuple[bool, bool]:

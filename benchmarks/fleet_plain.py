@@ -20,7 +20,6 @@ from fleet_pairs import AT_20_C, RH, Named, T
 from resumed import scored
 
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
-from shockrig.analysis.diagnose.diagnosed import stated_cause
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.fleet.whose import DiagnosedProbe, judged_causes
 from shockrig.files.campaign import read_campaign
@@ -75,7 +74,7 @@ def diagnosed(truth: Truth, probe: str, seed: int) -> dict[str, Named]:
         rng = np.random.default_rng([seed, int(probe)])
         campaign = read_campaign(simulate_campaign(of_probe(truth, probe), plan, rng, Path(folder) / "c"))
     said = {channel: diagnose_channel(build_channel(campaign, channel)) for channel in (T, RH)}
-    return {name: tuple(stated_cause(cause).as_effect() for cause in one.causes) for name, one in said.items()}
+    return {name: tuple(cause.as_effect() for cause in one.causes) for name, one in said.items()}
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 from shockrig.analysis.characterize.characterize import characterize as _characterize
 from shockrig.analysis.characterize.part_fit import Extension, extension_of, read_extension
 from shockrig.analysis.characterize.result import Characterization, to_profile
-from shockrig.analysis.diagnose.diagnosed import stated_cause
 from shockrig.analysis.estimate.quantity import ChannelName
 from shockrig.analysis.fleet.fleet_prior import WithFleet, with_population
 from shockrig.analysis.report.characterize_page import hint
@@ -169,7 +168,4 @@ def extensions_of(extend: Diagnosed | PathLike | None) -> dict[ChannelName, Exte
         return None
     if not isinstance(extend, Diagnosed):
         return read_extension(Path(extend))
-    return {
-        found.name: extension_of([stated_cause(cause).as_effect() for cause in found.causes])
-        for found in extend.result.channels
-    }
+    return {found.name: extension_of([cause.as_effect() for cause in found.causes]) for found in extend.result.channels}

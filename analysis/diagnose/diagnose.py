@@ -7,7 +7,7 @@ how probable an effect is, the weight of all models that hold it.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -45,6 +45,7 @@ from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, looked_for
 from shockrig.analysis.estimate.seen import FEW_RUNS
 from shockrig.files.campaign import Campaign
+from shockrig.files.causes import Uncertain
 from shockrig.files.diagnosis import StatedDiagnosis
 from shockrig.files.diagnosis_data import Discovered
 from shockrig.files.errors import InputError
@@ -360,7 +361,7 @@ def _causes(ready: Prepared, found: Search, final: Fit) -> tuple[Cause, ...]:
             continue
         if effect in shown:
             finding = shown[effect]
-            causes.append(Cause(effect, finding.parameters, 1.0, (), np.inf, (), finding.evidence))
+            causes.append(Cause(effect, _uncertain(finding.parameters), 1.0, evidence=finding.evidence))
             continue
         instead = dict.fromkeys(
             new
@@ -371,8 +372,14 @@ def _causes(ready: Prepared, found: Search, final: Fit) -> tuple[Cause, ...]:
         )
         without = max((one.value for one in found.pool if effect not in one.ids), default=found.plain.value)
         ends = at_bound(CATALOGUE[effect], {name: value for name, (value, _) in own.items()})
-        causes.append(Cause(effect, own, found.probability(effect), tuple(instead), found.best.value - without, ends))
+        probability = round(found.probability(effect), 4)
+        gained = found.best.value - without
+        causes.append(Cause(effect, _uncertain(own), probability, tuple(instead), ends, nats=gained))
     return tuple(causes)
+
+
+def _uncertain(values: Mapping[str, tuple[float, float]]) -> dict[str, Uncertain]:
+    return {name: Uncertain(value, spread) for name, (value, spread) in values.items()}
 
 
 def _tried(found: Search) -> tuple[Tried, ...]:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.diagnose.adequacy import Adequacy
 from shockrig.analysis.diagnose.gain import Gain
-from shockrig.analysis.diagnose.remainder import Remainder
 from shockrig.analysis.diagnose.search import Rated, Search
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.behaviours import form_of
@@ -28,7 +27,6 @@ from shockrig.files.diagnosis import (
     StatedDiagnosis,
     StatedGain,
     StatedRemainder,
-    Uncertain,
     diagnosis_document,
 )
 from shockrig.files.diagnosis_data import Discovered
@@ -139,17 +137,11 @@ NO_STEP = "no usable run with a step of the air"
 
 
 @dataclass(frozen=True)
-class Cause:
-    """One named cause: parameters as (value, standard uncertainty), its probability, what is tied with it, and by how
-    much unseen runs are predicted worse without it [nats]."""
+class Cause(StatedCause):
+    """One named cause, and by how much unseen runs are predicted worse without it [nats]."""
 
-    effect: str
-    parameters: dict[str, tuple[float, float]]
-    probability: float
-    indistinguishable_from: tuple[str, ...]
-    evidence: float
-    at_bound: tuple[str, ...] = ()
-    why: str = ""
+    probability: float = 1.0
+    nats: float = np.inf
 
 
 @dataclass(frozen=True)
@@ -193,7 +185,7 @@ class ChannelDiagnosis:
     search: Search
     adequacy: Adequacy
     plain_adequacy: Adequacy
-    remainder: Remainder
+    remainder: StatedRemainder
     problem: Problem
     noise: Noise
     plain: Fit
@@ -235,24 +227,14 @@ def stated(diagnosis: Diagnosis) -> StatedDiagnosis:
 
 
 def _channel(channel: ChannelDiagnosis) -> StatedChannel:
-    gain, left = channel.gain, channel.remainder
+    gain = channel.gain
     names, matrix = correlations(channel)
     return StatedChannel(
         verdict=channel.verdict,
-        causes=tuple(stated_cause(cause) for cause in channel.causes),
+        causes=channel.causes,
         discovered=channel.discovered,
         gain=StatedGain(gain.before, gain.after, gain.noise_floor, gain.explained_fraction, gain.interval_95),
-        remainder=StatedRemainder(
-            rms=left.rms,
-            peak=left.peak,
-            unit=left.unit,
-            significant=left.significant,
-            material=left.material,
-            tolerance=left.tolerance,
-            from_s=left.from_s,
-            until_s=left.until_s,
-            varies_with=left.varies_with,
-        ),
+        remainder=channel.remainder,
         discrepancy=(channel.discrepancy or {}) if channel.verdict == "unexplained" else None,
         extra={
             "untestable": channel.untestable,
@@ -276,18 +258,6 @@ def weighed(channel: ChannelDiagnosis) -> list[dict[str, Any]]:
         for one, w in zip(found.pool, found.weights, strict=True)
         if w >= LEAST_WEIGHT
     ]
-
-
-def stated_cause(cause: Cause) -> StatedCause:
-    """A cause in the terms of the file."""
-    return StatedCause(
-        cause.effect,
-        {name: Uncertain(value, spread) for name, (value, spread) in cause.parameters.items()},
-        round(cause.probability, 4),
-        cause.indistinguishable_from,
-        at_bound=cause.at_bound,
-        evidence=cause.why,
-    )
 
 
 def correlations(channel: ChannelDiagnosis) -> tuple[list[str], NDArray[np.float64]]:

@@ -21,7 +21,7 @@ from shockrig.analysis.characterize.result import (
     channel_result,
     to_profile,
 )
-from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis, stated_cause
+from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis
 from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.effects import CATALOGUE
@@ -64,7 +64,7 @@ def extended_result(found: ChannelDiagnosis) -> ChannelResult | None:
     wider = _wider(found)
     shown = by_itself(found.problem.channel) if found.verdict == "unexplained" and not found.gain.measured else None
     rows = [_in_doubt(found, row, wider, shown) for row in rows]
-    effects = tuple(stated_cause(cause).as_effect() for cause in found.predicting.causes)
+    effects = tuple(cause.as_effect() for cause in found.predicting.causes)
     left_out = [*found.problem.channel.left_out, *undetermined]
     return channel_result(rows, found.noise, effects, [part], left_out, found.predicting.discovered)
 

@@ -16,6 +16,7 @@ from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.estimate.fit import Fit, left_at_common_rates
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.problem import Problem
+from shockrig.files.diagnosis_data import StatedRemainder
 
 Array = NDArray[np.float64]
 
@@ -34,28 +35,9 @@ class Tolerance:
         return self.temperature_k if unit == "K" else self.humidity_percent
 
 
-@dataclass(frozen=True)
-class Remainder:
-    """What is left on unseen runs: rms above the noise and peak [unit], and what it varies with."""
-
-    rms: float
-    peak: float
-    unit: str
-    significant: bool
-    tolerance: float
-    from_s: float
-    until_s: float
-    varies_with: tuple[str, ...]
-    discrepancy: float = 0.0  # of the model, on unseen runs, as a share of a run's step
-    step: float = 0.0  # rms of the runs' steps [unit]
-
-    @property
-    def material(self) -> bool:
-        """Whether it is as large as the tolerance: a significant one always is where none is allowed."""
-        if self.tolerance == 0:
-            return self.significant
-        misled = self.discrepancy * self.step  # by what a change of the air as large as the runs' is read wrong
-        return max(self.rms, misled) >= self.tolerance or self.peak >= PEAK_TOLERANCES * self.tolerance
+def is_material(significant: bool, size: float, peak: float, tolerance: float) -> bool:
+    """Whether what is left is as large as the tolerance: a significant one always is where none is allowed."""
+    return size >= tolerance or peak >= PEAK_TOLERANCES * tolerance if tolerance else significant
 
 
 def predicted_badly(gain: Gain) -> bool:
@@ -81,8 +63,11 @@ def measure_remainder(
     gain: Gain,
     tolerance: Tolerance,
     discrepancy: float = 0.0,
-) -> Remainder:
-    """The remainder of a fitted model; its peak is the largest mean over a bin that noise does not explain."""
+) -> StatedRemainder:
+    """The remainder of a fitted model; its peak is the largest mean over a bin that noise does not explain.
+
+    `discrepancy` is the model's on unseen runs, as a share of a run's step.
+    """
     channel = problem.channel
     unit = channel.quantity.unit
     filled = channel.count > 0
@@ -96,16 +81,19 @@ def measure_remainder(
         # Another run does not have a rate of its own that was fitted to it.
         residual = left_at_common_rates(channel, found)
         square = float((channel.count * (residual**2 - spread**2)).sum() / channel.count.sum())
-    left = np.sqrt(max(square, 0.0))
-    return Remainder(
-        rms=float(np.hypot(left, adequacy.hidden_rms)),
-        peak=float(max(beyond.max(initial=0.0), 0.0)),
+    rms = float(np.hypot(np.sqrt(max(square, 0.0)), adequacy.hidden_rms))
+    peak = float(max(beyond.max(initial=0.0), 0.0))
+    # By what a change of the air as large as the runs' is read wrong.
+    misled = discrepancy * float(np.sqrt(np.mean(channel.quantity.step(channel.conditions) ** 2)))
+    significant, allowed = not adequacy.passed or predicted_badly(gain), tolerance.of(unit)
+    return StatedRemainder(
+        rms=rms,
+        peak=peak,
         unit=unit,
-        significant=not adequacy.passed or predicted_badly(gain),
-        tolerance=tolerance.of(unit),
+        significant=significant,
+        material=is_material(significant, max(rms, misled), peak, allowed),
+        tolerance=allowed,
         from_s=begins,
         until_s=ends,
         varies_with=tuple(varies_with(problem, found)),
-        discrepancy=discrepancy,
-        step=float(np.sqrt(np.mean(channel.quantity.step(channel.conditions) ** 2))),
     )

@@ -212,8 +212,9 @@ def listed(words: Sequence[str], last: str = "and") -> str:
     return " ".join([", ".join(words[:-1]), last, words[-1]]) if len(words) > 1 else "".join(words)
 
 
-def value_text(channel: str, parameter: Parameter, value: float, spread: float) -> str:
+def value_text(channel: str, parameter: Parameter, stated: Uncertain) -> str:
     """A parameter with its uncertainty, without its unit where the sentence gives it."""
+    value, spread = stated.value, stated.standard_uncertainty
     if parameter.percent:
         return measured(100 * value, 100 * spread) + " %"
     text = measured(value, spread)
@@ -224,7 +225,7 @@ def cause_sentence(channel: str, cause: Cause) -> str:
     """What the cause is, with its parameters, how sure, and who could stand in its place."""
     effect = CATALOGUE[cause.effect]
     texts = {
-        p.name: value_text(channel, p, *cause.parameters[p.name])
+        p.name: value_text(channel, p, cause.parameters[p.name])
         for p in effect.parameters
         if p.name in cause.parameters
     }
@@ -244,7 +245,7 @@ def cause_sentence(channel: str, cause: Cause) -> str:
 def values_text(channel: str, cause: Cause) -> str:
     """A cause's parameters by name, with uncertainties and units."""
     values = [
-        f"{p.name} {value_text(channel, p, *cause.parameters[p.name])}"
+        f"{p.name} {value_text(channel, p, cause.parameters[p.name])}"
         + ("" if p.unit in ("1", "channel's unit") else f" {p.unit}")
         + (" (at its bound)" if p.name in cause.at_bound else "")
         for p in CATALOGUE[cause.effect].parameters
@@ -264,7 +265,7 @@ def terminal_causes(found: ChannelDiagnosis) -> list[str]:
 
 def ordered(causes: Sequence[Cause]) -> list[Cause]:
     """Causes, those that the data need most first."""
-    return sorted(causes, key=lambda c: -c.evidence)
+    return sorted(causes, key=lambda c: -c.nats)
 
 
 def gain_sentence(found: ChannelDiagnosis) -> str:

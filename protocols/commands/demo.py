@@ -167,7 +167,7 @@ def _under_the_seal(found: ChannelDiagnosis, judged: ChannelScore, truth: Truth)
     from shockrig.files.numbers import measured, plain
 
     parameters = {hidden.effect: hidden.parameters for hidden in truth.effects}
-    spreads = {(c.effect, name): spread for c in found.causes for name, (_, spread) in c.parameters.items()}
+    spreads = {(c.effect, name): u.standard_uncertainty for c in found.causes for name, u in c.parameters.items()}
     lines = []
     for effect in judged.hidden:
         lines.append(f"under the seal: {named(effect)}" + ("" if effect in judged.named else ", not named"))

@@ -34,8 +34,8 @@ def test_the_standard_campaign_tells_a_clock_from_a_delay(fast):
     # Three runs of 36 tell the two apart: drawn again, one set in twenty has none of them.
     assert cause.effect == "clock_drift" and cause.probability > 0.85
     assert set(cause.indistinguishable_from) <= {"dead_time"}
-    value, uncertainty = cause.parameters["ppm"]
-    assert abs(value - PPM) < 3.0 * uncertainty < 0.2 * PPM
+    told = cause.parameters["ppm"]
+    assert abs(told.value - PPM) < 3.0 * told.standard_uncertainty < 0.2 * PPM
     assert found.verdict == "explained"
 
 

@@ -122,7 +122,8 @@ def test_what_runs_that_differ_name_is_as_unsure_as_they_are_apart(tmp_path):
     found = recorded(tmp_path, 1500.0, times=[(18.0, 180.0), (20.0, 200.0), (23.0, 230.0)])
     (cause,) = found.causes
     assert found.verdict == "unexplained" and cause.effect == "parallel_lag"
-    value, unsure = cause.parameters["time_constant_s"]
+    told = cause.parameters["time_constant_s"]
+    value, unsure = told.value, told.standard_uncertainty
     mean = 610.0 / 3.0 if value > 60.0 else 61.0 / 3.0
     assert value == pytest.approx(mean, rel=0.02) and 0.059 < unsure / mean < 0.089
 

@@ -33,8 +33,8 @@ def test_a_slow_share_beside_a_lump_is_found_whichever_is_called_the_body(t63_s,
     record(bench, 5, tmp_path / "campaign")
     found = diagnose_channel(build_channel(read_campaign(tmp_path / "campaign"), "temperature"))
     assert found.verdict == "explained" and [c.effect for c in found.causes] == ["stem_conduction"]
-    told, uncertainty = found.causes[0].parameters["fraction"]
-    assert told == pytest.approx(fraction, abs=max(3 * uncertainty, 0.003))
+    told = found.causes[0].parameters["fraction"]
+    assert told.value == pytest.approx(fraction, abs=max(3 * told.standard_uncertainty, 0.003))
     assert found.gain.explained_fraction > 0.99
 
 
@@ -207,5 +207,5 @@ def test_a_sensor_that_follows_a_third_of_what_its_reference_shows_lies_on_a_lin
     (tmp_path / "campaign.json").write_text(json.dumps(head))
     found = diagnose_channel(build_channel(read_campaign(tmp_path), "temperature"))
     assert [cause.effect for cause in found.causes] == ["calibration_error"]
-    assert found.causes[0].parameters["gain"][0] == pytest.approx(-0.64, abs=0.02)
+    assert found.causes[0].parameters["gain"].value == pytest.approx(-0.64, abs=0.02)
     assert found.gain.after < 0.15 < 1.0 < found.gain.before

@@ -518,7 +518,7 @@ def test_a_diagnosis_names_a_sheath_and_nothing_beside_it(tmp_path, shape, time_
     channel, truth = foreign_channel(tmp_path / "c", body, shape)
     found = diagnose_channel(channel)
     assert [cause.effect for cause in found.causes] == ["sheath"]
-    assert found.causes[0].parameters["capacity"][0] == pytest.approx(capacity, rel=0.05)
+    assert found.causes[0].parameters["capacity"].value == pytest.approx(capacity, rel=0.05)
     response = extended_result(found).rows[0].response
     assert abs(response.t63_s - 5.0) < 3.5 * response.standard_uncertainties_s[0] + 0.002
 

@@ -9,7 +9,7 @@ import pytest
 from shockrig.analysis.diagnose.diagnosed import Cause
 from shockrig.analysis.diagnose.gain import Gain, HeldOut
 from shockrig.analysis.diagnose.held_out import autocorrelation, size
-from shockrig.analysis.diagnose.remainder import Remainder
+from shockrig.analysis.diagnose.remainder import is_material
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.quantity import QUANTITIES, TEMPERATURE
 from shockrig.analysis.flight.simulated.typical import typical_profile
@@ -26,6 +26,7 @@ from shockrig.analysis.report.diagnosis_words import (
 )
 from shockrig.analysis.report.fit_figures import RunParameter
 from shockrig.analysis.report.fitted import drifts
+from shockrig.files.diagnosis_data import StatedRemainder
 from shockrig.files.profile import HumidityProfile, Profile, StatedEffect, TemperatureProfile, Uncertain
 
 
@@ -58,7 +59,7 @@ def channel(name, verdict, causes=(), discrepancy=None, airs_known=True, body="s
     )
 
 
-FILM = Cause("convective_film", {"biot_at_5_m_s": (0.12, 0.01)}, 0.99, (), 5000.0)
+FILM = Cause("convective_film", {"biot_at_5_m_s": Uncertain(0.12, 0.01)}, 0.99)
 
 
 def test_the_sentence_a_colleague_would_say():
@@ -69,23 +70,24 @@ def test_the_sentence_a_colleague_would_say():
 
 
 def test_a_tie_a_doubt_and_a_bound_are_said():
-    cause = Cause("dead_time", {"delay_s": (0.2, 0.1)}, 0.6, ("finite_transfer",), 20.0, ("delay_s",))
+    cause = Cause("dead_time", {"delay_s": Uncertain(0.2, 0.1)}, 0.6, ("finite_transfer",), ("delay_s",))
     text = cause_sentence("humidity", cause)
     assert text.startswith("Probably (60 %): this channel is logged late by 0.20 ± 0.10 s.")
     assert "cannot tell that from finite transfer" in text and "delay s stands at the end of its range" in text
 
 
 def test_shares_are_percent_and_the_channels_unit_is_named():
-    cause = Cause("calibration_error", {"gain": (0.012, 0.001), "offset": (-0.3, 0.02)}, 0.99, (), 100.0)
+    parameters = {"gain": Uncertain(0.012, 0.001), "offset": Uncertain(-0.3, 0.02)}
+    cause = Cause("calibration_error", parameters, 0.99)
     text = cause_sentence("humidity", cause)
     assert "gain 1.20 ± 0.10 %" in text and "offset −0.300 ± 0.020 %RH" in text
 
 
 @pytest.mark.parametrize("effect", CATALOGUE)
 def test_every_effect_of_the_catalogue_has_a_sentence_without_blanks(effect):
-    parameters = {p.name: (p.starts[0], 0.1 * abs(p.starts[0])) for p in CATALOGUE[effect].parameters}
+    parameters = {p.name: Uncertain(p.starts[0], 0.1 * abs(p.starts[0])) for p in CATALOGUE[effect].parameters}
     for name in CATALOGUE[effect].channels:
-        text = cause_sentence(name, Cause(effect, parameters, 0.99, (), 50.0))
+        text = cause_sentence(name, Cause(effect, parameters, 0.99))
         assert "{" not in text and text.endswith(".")
 
 
@@ -119,7 +121,9 @@ def test_what_is_left_when_the_response_is_over_is_the_airs(airs_known, from_s, 
 
 def test_what_is_left_is_said_with_whether_it_matters():
     def said(rms, significant, tolerance, measured=True, peak=None):
-        left = Remainder(rms, 4 * rms if peak is None else peak, "K", significant, tolerance, 0.6, 2.5, ())
+        peak = 4 * rms if peak is None else peak
+        material = is_material(significant, rms, peak, tolerance)
+        left = StatedRemainder(rms, peak, "K", significant, material, tolerance, 0.6, 2.5)
         return remainder_sentence(SimpleNamespace(remainder=left, gain=SimpleNamespace(measured=measured)))
 
     assert said(0.01, False, 0.03) == (
@@ -130,9 +134,9 @@ def test_what_is_left_is_said_with_whether_it_matters():
     assert "0.68 K rms above the noise (fitted to all runs, 0.20 K at most)" in said(0.68, True, 0.03, peak=0.2)
     assert "at a tolerance of 0.030 K it does not matter" in said(0.01, True, 0.03)
     assert "more than the tolerance of 0.030 K" in said(0.05, True, 0.03)
-    assert Remainder(0.01, 0.2, "K", True, 0.03, 0.6, 2.5, ()).material  # a peak of five tolerances and more
-    assert not Remainder(0.0, 0.0, "K", False, 0.0, 0.6, 2.5, ()).material
-    assert Remainder(0.0, 0.0, "K", True, 0.0, 0.6, 2.5, ()).material  # where nothing is tolerated
+    assert is_material(True, 0.01, 0.2, 0.03)  # a peak of five tolerances and more
+    assert not is_material(False, 0.0, 0.0, 0.0)
+    assert is_material(True, 0.0, 0.0, 0.0)  # where nothing is tolerated
 
 
 def test_what_parts_the_course_does_not_gainsay_the_tests_of_every_reading():
