@@ -15,7 +15,7 @@ from scipy import special
 from scipy.optimize import minimize_scalar
 
 from shockrig.analysis.diagnose.adequacy import BURST_SIGMAS, BURSTS, Adequacy, factors, plateaus
-from shockrig.analysis.diagnose.grammar import varied
+from shockrig.analysis.diagnose.grammar import levels
 from shockrig.analysis.estimate.channel import Channel, rebin
 from shockrig.analysis.estimate.noise import estimate_noise
 from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA, rounding_step
@@ -24,8 +24,6 @@ from shockrig.files.diagnosis_data import Discovered, EffectSize
 
 Array = NDArray[np.float64]
 
-SAME_AIRFLOW_LN = 0.1  # of the logarithm of two airflows that are one condition
-LEAST_TRAINED = 6  # runs that are left to fit to
 LEAST_P_VALUE = 1e-3  # of so much by accident, above which a finding is none
 LONGEST_S = 60.0  # of a plateau, in one spectrum
 PER_WIDTH = 4  # frequencies in the width of a line
@@ -51,19 +49,9 @@ class _Plateau:
 
 
 def whole_conditions(channel: Channel) -> Iterator[NDArray[np.bool_]]:
-    """The runs (R,) of each condition that a finding may be tried on: one airflow, ambient, direction or kind."""
-    c, there = channel.conditions, varied(channel)
-    if "airflow" in there:
-        levels = np.round(np.log(np.maximum(c.airflow_m_s, 0.05)) / SAME_AIRFLOW_LN)
-        yield from (levels == one for one in np.unique(levels) if (levels != one).sum() > LEAST_TRAINED)
-    if "ambient" in there and channel.quantity.pooled:
-        ambient = np.round(c.destination_c / 2.0)
-        yield from (ambient == one for one in np.unique(ambient))
-    step = channel.quantity.step(c)
-    if "direction" in there:
-        yield from (step > 0, step <= 0)
-    if "step" in there:
-        yield np.abs(step) < 0.5 * np.abs(step).max()
+    """The runs (R,) of each condition that a finding may be tried on."""
+    for level in levels(channel).values():
+        yield from (level == one for one in np.unique(level))
     if channel.jumps_with_air and channel.isothermal.any() and (~channel.isothermal).any():
         yield from (~channel.isothermal, channel.isothermal)
 

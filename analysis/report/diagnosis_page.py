@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis, Diagnosis, correlations
-from shockrig.analysis.diagnose.held_out import autocorrelation, size
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.described import entry_of
@@ -53,6 +52,7 @@ from shockrig.analysis.report.html import (
 )
 from shockrig.analysis.report.loop_page import chosen_section
 from shockrig.analysis.report.next_time import next_time, seen_sentence
+from shockrig.analysis.report.remaining import autocorrelation, size
 from shockrig.files.figures import save_figure
 from shockrig.files.headline import time_text
 from shockrig.files.numbers import plain

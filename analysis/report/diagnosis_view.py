@@ -13,8 +13,6 @@ from shockrig.analysis.characterize.result import ChannelResult
 from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis
 from shockrig.analysis.diagnose.extended import extended_result, plain_result
 from shockrig.analysis.diagnose.gain import HeldOut
-from shockrig.analysis.diagnose.held_out import autocorrelation
-from shockrig.analysis.diagnose.remaining import MeanCourse, Remaining, remaining
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.estimate.seen import little_known, seen
 from shockrig.analysis.report import fit_figures as drawings
@@ -23,6 +21,7 @@ from shockrig.analysis.report.fit_figures import parameter_by_condition
 from shockrig.analysis.report.fitted import UNIT, conditions, relative_runs
 from shockrig.analysis.report.next_time import seen_figure
 from shockrig.analysis.report.panels import log_time, panels
+from shockrig.analysis.report.remaining import MeanCourse, Remaining, autocorrelation, remaining
 from shockrig.files.figures import BLUE, CYCLE, GREY, save_figure, styled
 
 if TYPE_CHECKING:
@@ -49,14 +48,11 @@ def remaining_figure(left: Remaining) -> Figure:
     """Left: the course as percent of the step, with a band of two standard uncertainties. Right: the spectrum."""
     figure, ((course, spectrum),) = panels((1, 2), SIZE_IN, across_in=0.86)
     course.axhline(0.0, color=GREY, linewidth=0.8)
-    if left.by_condition:
-        for colour, one in zip(CYCLE, left.by_condition, strict=False):
-            _draw_relaxation(course, one, colour)
-    else:
-        _draw_relaxation(course, left.whole, BLUE)
+    for colour, one in zip(CYCLE if left.varies_with else (BLUE,), left.courses, strict=False):
+        _draw_relaxation(course, one, colour)
     course.set_ylabel("left, % of the step")
     course.set_xlabel("time since the transfer / s")
-    course.set_title(f"what is left, by {left.factor}" if left.factor else "what is left, all runs")
+    course.set_title(f"what is left, by {left.varies_with[0]}" if left.varies_with else "what is left, all runs")
     course.legend(loc="best")
     taus, size = left.time_constants_s, 100.0 * left.amplitude
     spectrum.axhline(0.0, color=GREY, linewidth=0.8)
@@ -66,8 +62,7 @@ def remaining_figure(left: Remaining) -> Figure:
     spectrum.set_ylabel("amplitude, % of the step")
     spectrum.set_xlabel("relaxation time / s")
     spectrum.set_title("its relaxation times, all runs")
-    times = [one.time_s for one in (left.by_condition or (left.whole,))]
-    log_time([course], times)
+    log_time([course], [one.time_s for one in left.courses])
     log_time([spectrum], [taus])
     return figure
 

@@ -15,7 +15,6 @@ from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.grammar import forms
 from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.diagnose.remainder import Tolerance
-from shockrig.analysis.diagnose.remaining import spectrum
 from shockrig.analysis.diagnose.restless import whole_conditions
 from shockrig.analysis.diagnose.search import Race, search
 from shockrig.analysis.effects import CATALOGUE
@@ -27,6 +26,7 @@ from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.undo_readout import unseen
 from shockrig.analysis.report.diagnosis_words import sentence
+from shockrig.analysis.report.remaining import spectrum
 from shockrig.files.flight import Flight
 from shockrig.files.profile import Profile, TemperatureProfile, Uncertain, profile_document, profile_from_document
 from shockrig.rig.virtual.plans import standard_plan

@@ -8,7 +8,6 @@ import pytest
 
 from shockrig.analysis.diagnose.diagnosed import Cause
 from shockrig.analysis.diagnose.gain import Gain, HeldOut
-from shockrig.analysis.diagnose.held_out import autocorrelation, size
 from shockrig.analysis.diagnose.remainder import is_material
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.quantity import QUANTITIES, TEMPERATURE
@@ -26,6 +25,7 @@ from shockrig.analysis.report.diagnosis_words import (
 )
 from shockrig.analysis.report.fit_figures import RunParameter
 from shockrig.analysis.report.fitted import drifts
+from shockrig.analysis.report.remaining import autocorrelation, size
 from shockrig.files.diagnosis_data import StatedRemainder
 from shockrig.files.profile import HumidityProfile, Profile, StatedEffect, TemperatureProfile, Uncertain
 

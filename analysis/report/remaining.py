@@ -1,5 +1,5 @@
 """What a model leaves, without any form: its course in time with a band, condition by condition; its spectrum of
-relaxation times; what it varies with and what it does not.
+relaxation times; what it varies with and what it does not; how far off it is on runs that it was not fitted to.
 
 The course is that of the residuals over each run's own step, so that runs of all sizes and both directions lie upon one
 another where what is left goes with the step.
@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from scipy import special
 from scipy.optimize import nnls
 
-from shockrig.analysis.diagnose.grammar import varied
-from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.diagnose.gain import HeldOut
+from shockrig.analysis.diagnose.grammar import levels
+from shockrig.analysis.estimate.channel import FIRST_LOG_BIN_S, Channel, log_bins
 from shockrig.analysis.estimate.fit import Fit, left_at_common_rates
 
 Array = NDArray[np.float64]
@@ -25,8 +26,8 @@ TAUS_PER_DECADE = 8
 SMOOTHING_WEIGHT = 0.15  # weight of the spectrum's own size, beside residuals of unit size
 BOOTSTRAP_DRAWS = 24  # draws of the runs for the spectrum's band
 SEED = 11
-LEVELS_APART = 0.06  # relative, of levels of a condition that are one
-LEAST_P_VALUE = 1e-3  # above which a condition parts nothing
+PARTS_BELOW = 1e-3  # chance below which a condition parts the courses
+LAGS_SHOWN = 20
 
 
 @dataclass(frozen=True)
@@ -46,21 +47,15 @@ class Remaining:
 
     Attributes
     ----------
-    whole : Course
-        Of all runs together.
-    by_condition : tuple of Course
-        Of the condition that parts it best; none where nothing does.
-    factor : str
-        That condition; empty where there is none.
+    courses : tuple of MeanCourse
+        One for each level of the condition that parts them best; of all runs together where nothing does.
     time_constants_s, amplitude, uncertainty : ndarray (K,)
         Spectrum of relaxation times: the course is the sum of amplitude exp(-t / time constant), shares of the step.
     varies_with, does_not_vary_with : tuple of str
         Conditions that part it, the best first, and conditions that were varied and do not.
     """
 
-    whole: MeanCourse
-    by_condition: tuple[MeanCourse, ...]
-    factor: str
+    courses: tuple[MeanCourse, ...]
     time_constants_s: Array
     amplitude: Array
     uncertainty: Array
@@ -76,31 +71,26 @@ def remaining(channel: Channel, found: Fit) -> Remaining | None:
         return None
     edges = _edges(channel)
     # A run's own rate hides in the fit what is left of it.
-    shares, weight = _shares(channel, left_at_common_rates(channel, found), step, usable, edges)
-    if not (weight.sum(axis=0) > 0).any():
+    residual = np.where(channel.count > 0, left_at_common_rates(channel, found), 0.0)
+    inside = np.digitize(channel.time_s, edges)[usable, :, None] == np.arange(1, edges.size)
+    count = channel.count[usable, :, None] * inside
+    total = count.sum(axis=1)
+    if not total.any():
         return None
+    shares = (count * residual[usable, :, None]).sum(axis=1) / np.maximum(total, 1) / step[usable, None]
+    weight = total * step[usable, None] ** 2
     middle = np.sqrt(edges[:-1] * edges[1:])
-    levels = {name: level[usable] for name, level in _levels(channel).items()}
-    parted = {name: _chance(shares, weight, level) for name, level in levels.items()}
-    varies = sorted((name for name, p in parted.items() if p < LEAST_P_VALUE), key=parted.__getitem__)
-    factor = varies[0] if varies else ""
-    by_condition = []
-    if factor:
-        for value in np.unique(levels[factor]):
-            own = levels[factor] == value
-            by_condition.append(_course(_words(factor, value), middle, shares[own], weight[own]))
-    whole = _course("all runs", middle, shares, weight)
-    taus, amplitude, uncertainty = spectrum(middle, shares, weight)
-    return Remaining(
-        whole,
-        tuple(by_condition),
-        factor,
-        taus,
-        amplitude,
-        uncertainty,
-        tuple(varies),
-        tuple(name for name in parted if name not in varies),
-    )
+    parted = {name: level[usable] for name, level in levels(channel).items()}
+    chances = {name: _chance(shares, weight, level) for name, level in parted.items()}
+    varies = sorted((name for name, p in chances.items() if p < PARTS_BELOW), key=chances.__getitem__)
+    courses = [_course("all runs", middle, shares, weight)]
+    if varies:
+        level = parted[varies[0]]
+        runs_of = {_words(varies[0], value): level == value for value in np.unique(level)}
+        courses = [_course(words, middle, shares[own], weight[own]) for words, own in runs_of.items()]
+    spaced = [name.replace("_", " ") for name in varies]
+    others = [name.replace("_", " ") for name in chances if name not in varies]
+    return Remaining(tuple(courses), *spectrum(middle, shares, weight), tuple(spaced), tuple(others))
 
 
 def spectrum(time_s: Array, shares: Array, weight: Array) -> tuple[Array, Array, Array]:
@@ -140,52 +130,13 @@ def _edges(channel: Channel) -> Array:
     return np.geomspace(0.9 * first, 1.001 * last, count + 1)
 
 
-def _shares(
-    channel: Channel, residual: Array, step: Array, usable: NDArray[np.bool_], edges: Array
-) -> tuple[Array, Array]:
-    """Residuals over the step (R, n) in bins of log time, and their weights."""
-    runs = np.flatnonzero(usable)
-    shares, weight = np.zeros((runs.size, edges.size - 1)), np.zeros((runs.size, edges.size - 1))
-    for place, run in enumerate(runs):
-        time, count = channel.time_s[run], channel.count[run]
-        inside = np.digitize(time, edges) - 1
-        for k in range(edges.size - 1):
-            here = (inside == k) & (count > 0)
-            if here.any():
-                shares[place, k] = np.average(residual[run, here], weights=count[here]) / step[run]
-                weight[place, k] = count[here].sum() * step[run] ** 2
-    return shares, weight
-
-
 def _course(condition: str, time_s: Array, shares: Array, weight: Array) -> MeanCourse:
-    total = weight.sum(axis=0)
-    known = total > 0
-    mean = (weight * shares).sum(axis=0)[known] / total[known]
-    runs = (weight > 0).sum(axis=0)[known]
-    scatter = (weight[:, known] * (shares[:, known] - mean) ** 2).sum(axis=0) / total[known]
-    effective = np.maximum(total[known] ** 2 / np.maximum((weight[:, known] ** 2).sum(axis=0), 1e-300), 1.0)
-    spread = np.sqrt(scatter / np.maximum(effective - 1.0, 1.0))
-    return MeanCourse(condition, time_s[known], mean, np.where(runs > 1, spread, np.nan), shares.shape[0])
-
-
-def _levels(channel: Channel) -> dict[str, Array]:
-    """Levels (R,) of the conditions that were varied."""
-    c, there = channel.conditions, varied(channel)
-    step = channel.quantity.step(c)
-    levels = {}
-    if "airflow" in there:
-        levels["airflow"] = np.exp(np.round(np.log(np.maximum(c.airflow_m_s, 0.05)) / LEVELS_APART) * LEVELS_APART)
-    if "ambient" in there:
-        levels["ambient"] = np.round(c.destination_c / 2.0) * 2.0
-    if "direction" in there:
-        levels["direction"] = np.sign(step)
-    if "step" in there:
-        levels["step"] = np.where(np.abs(step) > 0.6 * np.abs(step).max(), 1.0, 0.0)
-    if "pressure" in there:
-        levels["pressure"] = np.round(c.pressure_hpa / 20.0) * 20.0
-    if "run_order" in there:
-        levels["run order"] = np.where(c.order > np.median(c.order), 1.0, 0.0)
-    return {name: level for name, level in levels.items() if np.unique(level).size > 1}
+    known = weight.sum(axis=0) > 0
+    share, own = shares[:, known], weight[:, known] / weight[:, known].sum(axis=0)
+    mean, effective = (own * share).sum(axis=0), 1.0 / (own**2).sum(axis=0)
+    spread = np.sqrt((own * (share - mean) ** 2).sum(axis=0) / np.maximum(effective - 1.0, 1.0))
+    alone = (own > 0).sum(axis=0) < 2
+    return MeanCourse(condition, time_s[known], mean, np.where(alone, np.nan, spread), shares.shape[0])
 
 
 def _words(factor: str, value: float) -> str:
@@ -195,24 +146,65 @@ def _words(factor: str, value: float) -> str:
         "direction": "upwards" if value > 0 else "downwards",
         "step": "large steps" if value else "small steps",
         "pressure": f"{value:.0f} hPa",
-        "run order": "later runs" if value else "earlier runs",
+        "run_order": "later runs" if value else "earlier runs",
     }[factor]
 
 
 def _chance(shares: Array, weight: Array, level: Array) -> float:
     """Probability that a condition parts the courses (R, n) so much by chance: an F-ratio over all bins."""
+
+    def mean_of(runs: NDArray[np.bool_]) -> Array:
+        return (weight * shares)[runs].sum(axis=0) / np.maximum(weight[runs].sum(axis=0), 1e-300)
+
     groups = [level == value for value in np.unique(level)]
-    between = within = 0.0
-    degrees, left = 0, 0
-    whole = (weight * shares).sum(axis=0) / np.maximum(weight.sum(axis=0), 1e-300)
-    for own in groups:
-        total = weight[own].sum(axis=0)
-        mean = (weight[own] * shares[own]).sum(axis=0) / np.maximum(total, 1e-300)
-        between += float((total * (mean - whole) ** 2).sum())
-        within += float((weight[own] * (shares[own] - mean) ** 2).sum())
-        left += max(int(own.sum()) - 1, 0)
-    degrees = len(groups) - 1
-    if left < 1 or within <= 0:
-        return 1.0
+    whole, means = mean_of(np.ones(level.size, dtype=bool)), [mean_of(own) for own in groups]
+    between = sum((weight[own] * (mean - whole) ** 2).sum() for own, mean in zip(groups, means, strict=True))
+    within = sum((weight[own] * (shares[own] - mean) ** 2).sum() for own, mean in zip(groups, means, strict=True))
     # Bins of a run go together: each run counts as one.
-    return float(special.fdtrc(degrees, left, between / degrees / (within / left)))
+    degrees, left = len(groups) - 1, level.size - len(groups)
+    return 1.0 if left < 1 or within <= 0 else float(special.fdtrc(degrees, left, between / degrees / (within / left)))
+
+
+# How far off a model is on runs that it was not fitted to, sample by sample.
+
+
+@dataclass(frozen=True)
+class MisfitSize:
+    """How far off a model is from FIRST_LOG_BIN_S after the transfer on: rms, and the largest mean in a bin of log
+    time, with its run."""
+
+    rms: float
+    peak: float
+    peak_time_s: float
+    peak_run: str
+
+
+def size(held: HeldOut, residuals: tuple[Array, ...]) -> MisfitSize:
+    """Size of held-out residuals [channel's unit]."""
+    # A reading amid the air's jump is off by the whole step where the run's start is off by milliseconds.
+    after = [r[t >= FIRST_LOG_BIN_S] for t, r in zip(held.time_s, residuals, strict=True)]
+    peaks = [(0.0, 0.0, "")]
+    for run, time, residual in zip(held.run_ids, held.time_s, residuals, strict=True):
+        where, mean = log_bins(time, residual)
+        peaks += [(float(m), float(t), run) for t, m in zip(where, mean, strict=True)]
+    return MisfitSize(float(np.sqrt(np.mean(np.concatenate(after) ** 2))), *max(peaks, key=lambda one: abs(one[0])))
+
+
+def autocorrelation(
+    held: HeldOut, residuals: tuple[Array, ...], period_s: float, lags: int = LAGS_SHOWN
+) -> tuple[Array, int]:
+    """Autocorrelation at lags 1 .. `lags` samples over all runs after the transfer, and the number of samples."""
+    products, count = np.zeros(lags + 1), np.zeros(lags + 1)
+    for time, residual in zip(held.time_s, residuals, strict=True):
+        later = time > 0
+        if not later.any():
+            continue
+        index = np.rint((time[later] - time[later][0]) / period_s).astype(int)
+        grid = np.full(index.max() + 1, np.nan)
+        grid[index] = residual[later]
+        for lag in range(min(lags + 1, grid.size)):
+            pairs = grid[lag:] * grid[: grid.size - lag]
+            products[lag] += np.nansum(pairs)
+            count[lag] += np.isfinite(pairs).sum()
+    means = products / np.maximum(count, 1)
+    return means[1:] / max(means[0], 1e-300), int(count[0])
