@@ -81,12 +81,19 @@ def _whole_seconds(log: dict[str, Array], rng: Rng) -> None:
     log["time_s"] = np.floor(log["time_s"] * rng.uniform(1.05, 1.25)) / 1.0
 
 
-def _wet_film(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
-    """Dew on the film behind a cloud: it reads saturation until that is gone, then goes on from there."""
+def _drops(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """Drizzle: now and then a drop covers a part of the film, and dries within seconds."""
     time = np.arange(bead.size) * FINE_S
-    start, lasting = rng.uniform(120, 150), rng.uniform(15, 40)
-    wet = np.where((time > start - 8.0) & (time < start + lasting), 100.0, humidity)
-    return bead, np.where(time > start - 8.0, np.maximum(lagged(wet, 2.0), humidity), humidity)
+    share = np.zeros(bead.size)
+    for at in np.sort(rng.uniform(30, 220, 4)):
+        share = np.where(time >= at, np.maximum(share, rng.uniform(0.2, 0.6) * (time < at + rng.uniform(2, 8))), share)
+    share = lagged(share, 1.5)
+    return bead, humidity + share * (100.0 - humidity)
+
+
+def _late_humidity(log: dict[str, Array], rng: Rng) -> None:
+    """The hygrometer's last value is written: it is a second old."""
+    log["humidity_percent"] = np.interp(log["time_s"] - rng.uniform(0.6, 1.4), log["time_s"], log["humidity_percent"])
 
 
 def _fan_now_and_then(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
@@ -162,7 +169,8 @@ FRESH: dict[str, Callable[[Rng], World]] = {
     "cold pool, twice": snow_hole,
     "jitter": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2), _jitter),
     "clock in seconds": lambda r: changed(with_rows(profile(r, 40.0, 0.04, 0.2), _whole_seconds), period_s=1.0),
-    "wet film": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _wet_film),
+    "drops on the film": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _drops),
+    "late humidity": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2, True), _late_humidity),
     "fan now and then": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _fan_now_and_then),
     "converter's ranges": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _ranges),
     "heated film": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _heated_film),

@@ -269,6 +269,14 @@ def _own_wash(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng)
     return bead + over, humidity * saturation_hpa(world.temperature_c) / saturation_hpa(world.temperature_c + over)
 
 
+def _wet_film(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """Dew on the film behind a cloud: it reads saturation until that is gone, then goes on from there."""
+    time = np.arange(bead.size) * FINE_S
+    start, lasting = rng.uniform(120, 150), rng.uniform(15, 40)
+    wet = np.where((time > start - 8.0) & (time < start + lasting), 100.0, humidity)
+    return bead, np.where(time > start - 8.0, np.maximum(lagged(wet, 2.0), humidity), humidity)
+
+
 def long_layers(rng: Rng) -> World:
     """Twenty minutes through layers, for a film slower than a window."""
     time = clock(1200.0)
@@ -345,6 +353,7 @@ KINDS: dict[str, Callable[[Rng], World]] = {
     "its own wash": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _own_wash),
     "hygrometer warms up": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _warm_logger),
     "supply sags": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _supply),
+    "wet film": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _wet_film),
     "second lag": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _second_lag),
     "film in RH": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _by_humidity),
     "late die": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _late_die),

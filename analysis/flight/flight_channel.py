@@ -443,9 +443,12 @@ def held(
     own = np.where(channel.screened.read, readings.reading * unit, np.nan)
     value = np.clip(channel.value, np.fmin(low, own), np.fmax(high, own))
     # what is out by less than is stated is that, and what is far out was no estimate
+    past = np.nan_to_num(channel.value - np.clip(channel.value, *possible))
     out = np.abs(np.clip(value, *possible) - value) > READING_SIGMAS * channel.uncertainty
     value = np.where(out, np.clip(value, *possible), value)
     sigma = channel.uncertainty
+    odd = np.where(np.abs(past) > READING_SIGMAS * sigma, np.sign(past), 0.0)
+    as_before = _as_before(value, odd, readings, notes)
     if (capped := _capped(channel, np.full(raw.shape, -np.inf)) & ~channel.raw).any():
         value = _above_ceiling(value, raw, capped, channel, readings, notes)
         beyond = np.where(capped & np.isfinite(value), value - raw, 0.0)
@@ -463,8 +466,33 @@ def held(
     anywhere = np.where(capped, np.abs(value - raw) / np.sqrt(3.0), 0.0)
     unsure = np.hypot(np.hypot(np.where(capped, sigma, channel.uncertainty), anywhere), left_open)
     beyond = np.where(capped, 0.0, _beyond_both_sides(channel, readings, unit))
-    channel = replace(channel, uncertainty=np.hypot(channel.uncertainty, beyond))
+    channel = replace(channel, uncertainty=np.hypot(channel.uncertainty, np.hypot(beyond, as_before)))
     return _nearer(channel, readings, unit, np.hypot(unsure, beyond))
+
+
+def _as_before(value: Array, odd: Array, readings: FlightReadings, notes: list[str]) -> Array:
+    """Uncertainty (n,) from where the readings go up (`odd` 1) or down (-1) as no air could have made them: it may lie
+    anywhere between what it was before and its `value` (n,), until this is back there, or goes back as oddly."""
+    unsure, rows, behind = np.zeros(value.shape), _remembered(readings), 0
+    for first in np.flatnonzero(odd).tolist():
+        if first < behind:
+            continue
+        way = odd[first]
+        before = np.nanmin(way * value[max(first - rows, 0) : first + 1])
+        gone = np.nan_to_num(way * value[first:] - before, nan=np.inf)
+        # back is where it goes on its way back as oddly, or as it was before
+        ends = np.flatnonzero((odd[first:] == -way) | (gone <= 0.0))
+        behind = first + int(ends[0]) if ends.size else value.size
+        unsure[first:behind] = np.where(np.isfinite(gone), gone, 0.0)[: behind - first] / np.sqrt(3.0)
+        going = np.flatnonzero(odd[behind : behind + rows] == -way)
+        behind += int(going[-1]) + 1 if going.size else 0
+        until_s = readings.time_s[min(behind, value.size - 1)]
+        notes.append(
+            f"{readings.channel}: from {readings.time_s[first]:.10g} s on the reading goes "
+            f"{'up' if way > 0 else 'down'} as behind its lag no air makes it: the sensor was wet, or is faster than "
+            f"the profile says; until {until_s:.10g} s the air may be as it was before"
+        )
+    return unsure
 
 
 def _beyond_both_sides(channel: FlightChannel, readings: FlightReadings, unit: Array) -> Array:

@@ -608,6 +608,13 @@ def test_a_gain_that_steps_by_little_is_owned():
     assert humidity["stated"] < 1.0
 
 
+def test_a_film_that_was_wet_is_owned_and_said():
+    """Dew behind a cloud: saturation for half a minute in dry air. Before: 79 % covered, stated to 0.3 %RH there."""
+    harm = benchmark("flight_harm")
+    for seed in (3760, 3764):
+        assert harm.score("wet film", seed, False)[1]["covered"] > 0.9
+
+
 def test_every_number_whose_sensitivity_is_counted_is_one_of_the_correction():
     sensitivity = benchmark("flight_sensitivity")
     for name in (*sensitivity.SMOOTHER, *sensitivity.CAUSAL):
