@@ -344,8 +344,9 @@ def main() -> int:
 
     build_parser(None, every=True)
     # Imported late, where nobody may not read the interpreter's own files.
-    for late in ("colorsys", "multiprocessing.popen_fork", "statistics", "xml.etree.ElementTree", "zoneinfo._zoneinfo"):
-        importlib.import_module(late)
+    late = ("_strptime", "colorsys", "multiprocessing.popen_fork", "statistics", "xml.etree.ElementTree")
+    for name in (*late, "zoneinfo._zoneinfo"):
+        importlib.import_module(name)
     tally, wrong = Counter(), 0
     with tempfile.TemporaryDirectory() as name:
         os.chmod(name, 0o755)

@@ -111,6 +111,7 @@ def with_jumps(
         also = places if places.size else _own_places(track, values, variance, found, stepped | (own != 0.0))
         if not also.size or known + places.size > MOST_JUMPS:
             break
+        before = own.copy()
         for k in also.tolist():
             # before air as calm as it is elsewhere, a jump has its place most sharply
             best = _best(track, values, variance, typical, jumps, k, found.jump[k], known_s, guess, loud)
@@ -120,6 +121,8 @@ def with_jumps(
                 guess = lags_behind(values, track.along, track.period_s, track.broken)
             elif k in places:
                 jumps = best
+        if not places.size and np.array_equal(own, before):
+            break
         found = swept(track, values, variance, local, jumps, None if own.any() else found)
         if number == 0:
             local = refit(without(track, values, found, jumps))
