@@ -129,7 +129,7 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--numbers", nargs="+", default=[*SMOOTHER, *CAUSAL])
-    parser.add_argument("--kinds", nargs="+", default=[*FLOWN, *DAMAGED], choices=[*FLOWN, *DAMAGED])
+    parser.add_argument("--kinds", nargs="+", default=[*FLOWN, *DAMAGED], choices=[*KINDS, *DAMAGED])
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
     warnings.simplefilter("ignore")
@@ -147,7 +147,7 @@ def main() -> int:
     jobs = []
     for number in ("smoother as it is", "causal as it is", *args.numbers):
         causal = number in CAUSAL or number.startswith("causal as")
-        kinds = [one for one in (FLOWN[:4] if causal else (*FLOWN, *DAMAGED)) if one in args.kinds]
+        kinds = [one for one in args.kinds if not causal or one in FLOWN[:4]]
         for factor in (1.0,) if number.endswith("as it is") else (0.5, 2.0):
             for seed in range(args.first_seed, args.first_seed + args.seeds):
                 jobs.extend((number, factor, kind, seed) for kind in kinds)

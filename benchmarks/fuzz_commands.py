@@ -344,7 +344,7 @@ def main() -> int:
 
     build_parser(None, every=True)
     # Imported late, where nobody may not read the interpreter's own files.
-    late = ("_strptime", "colorsys", "multiprocessing.popen_fork", "statistics", "xml.etree.ElementTree")
+    late = ("_strptime", "colorsys", "multiprocessing.popen_fork", "pandas", "statistics", "xml.etree.ElementTree")
     for name in (*late, "zoneinfo._zoneinfo"):
         importlib.import_module(name)
     tally, wrong = Counter(), 0
