@@ -81,7 +81,6 @@ RULES = (
     level("rate_scatter", INF, "rates that scatter by 2.2 % are an effect"),
     level("stated_scatter", 1.0, "stated uncertainties may be exceeded by 1.7"),
     Rule("hum taken out", "a hum of the plateaus is taken out first", {f"{D}without_hum": lambda c: (c, None)}),
-    Rule("least hum", "a line counts from a quarter of the noise on", {f"{A}LEAST_HUM": 0.0}),
     Rule("bursts", "a reading belongs to a burst from 5.5 sigma on", {f"{A}BURST_SIGMAS": INF}),
     Rule("restless", "bursts are described from the plateaus", {f"{D}restless": lambda *_: ()}),
     Rule("nothing else", "a hum or bursts alone are 'described'", {f"{D}nothing_else": _never}),

@@ -1,51 +1,44 @@
-"""Is anything left? Tests without physics of what a fitted model leaves, on four kinds of trace an effect can leave
+"""Is anything left? Tests without physics of what a fitted model leaves, on three kinds of trace an effect can leave
 behind.
 
 (a) the mean response: a smooth basis in log time, crossed with step, direction, ambient and airflow, after the model's
 own parameters and each run's deviations are projected out; (b) the runs' deviations: too large for the stated
-uncertainties, or moving with run order or condition; (c) single readings: bursts; (d) hum: lines in the plateaus'
-spectrum.
+uncertainties, or moving with run order or condition; (c) single readings: bursts. A hum is out of them by then
+(`restless.without_hum`).
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, special
+from scipy import special
 
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import Fit
-from shockrig.analysis.estimate.noise import Noise, whole_pieces
+from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import RUN_EFFECT_NAMES, RunEffect
 
 Array = NDArray[np.float64]
 
 WINDOWS_S = (0.0, 0.15, 0.6, 2.5, 10.0, 30.0, 1e9)
-SPECTRUM_SAMPLES = (64, 256)  # samples of a plateau in one spectrum: the longer ones see a slower hum
-FEWEST_PIECES = 8
-LEAST_HUM = 0.25  # rms of a slow hum, in standard deviations of the noise
-BESIDE_FREQUENCIES = 8  # frequencies on either side of a line that tell the noise there
+LEAST_PLATEAU = 64  # samples of a plateau that tells anything of single readings
 BURST_SIGMAS = 5.5  # standard deviations from which on a reading belongs to a burst
-BURSTS, LINE = "bursts in the readings", "a line in the spectrum of the plateaus"  # names of two tests
+BURSTS = "bursts in the readings"
 KNOTS_S = (0.0, 0.15, 0.4, 1.0, 2.5, 6.0, 15.0, 40.0, 120.0)
 
 
 @dataclass(frozen=True)
 class Check:
-    """One test: what it looked at, and its probability under the model.
-
-    `rms` is the size of what it found [channel's unit], where it tells one that no run's error shows.
-    """
+    """One test: what it looked at, and its probability under the model."""
 
     name: str
     p: float
-    rms: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -70,11 +63,6 @@ class Adequacy:
     @property
     def failing(self) -> tuple[Check, ...]:
         return tuple(c for c in self.checks if c.p * len(self.checks) <= level("adequacy"))
-
-    @property
-    def hidden_rms(self) -> float:
-        """Size [channel's unit] of what fails and passes for noise where errors are counted: a slow hum."""
-        return max((c.rms for c in self.failing), default=0.0)
 
 
 def judge(problem: Problem, found: Fit, noise: Noise) -> Adequacy:
@@ -234,9 +222,7 @@ def _readings(channel: Channel, noise: Noise) -> list[Check]:
         # A handful of absurd values is what real logs hold; a share of them is a cause.
         p = float(special.pdtrc(outliers - 1, 1.5 + 3e-4 * total)) if outliers else 1.0
         checks.append(Check(BURSTS, p))
-    lines = [_line(parts, noise, length, channel.sampling_period_s) for length in SPECTRUM_SAMPLES]
-    told = [check for check in lines if check is not None]
-    return checks + ([min(told, key=lambda check: check.p)] if told else [])
+    return checks
 
 
 def plateaus(channel: Channel) -> Iterator[tuple[int, Array, Array]]:
@@ -247,40 +233,5 @@ def plateaus(channel: Channel) -> Iterator[tuple[int, Array, Array]]:
             continue  # there is no plateau in a record that was driven all along
         for part in (time < -2 * period, time > 0.67 * time[-1]):
             t, y = time[part], value[part]
-            if y.size >= min(SPECTRUM_SAMPLES) and np.ptp(y) > 0:
+            if y.size >= LEAST_PLATEAU and np.ptp(y) > 0:
                 yield run, t, y - np.polyval(np.polyfit(t, y, 2), t)
-
-
-def _line(parts: Sequence[tuple[Array, Array]], noise: Noise, length: int, period_s: float) -> Check | None:
-    """Whether the plateaus' spectrum, in pieces of so many samples, has a line that the noise has not; None where there
-    are too few."""
-    window = np.hanning(length)
-    spectra = [
-        np.abs(np.fft.rfft(piece * window)) ** 2 for t, y in parts for piece in whole_pieces(t, y, period_s, length)
-    ]
-    if len(spectra) < FEWEST_PIECES:
-        return None
-    mean = np.mean(spectra, axis=0)
-    gamma = noise.autocovariance(length)
-    lags = np.correlate(window, window, mode="full")[length - 1 :]
-    expected = np.real(np.fft.fft(np.concatenate([gamma * lags, [0.0], (gamma * lags)[:0:-1]])))[: 2 * length : 2]
-    expected = expected[: mean.size]
-    inner = slice(4, mean.size - 1)
-    # Where the noise is next to nothing (an average's nulls), a little leakage is no line. In long pieces the noise as
-    # it is stands beside a line, wherever its model is a little off, and slow noise would hide a slow hum.
-    if length > min(SPECTRUM_SAMPLES):
-        scale = ndimage.median_filter(mean[inner] / expected[inner], 2 * BESIDE_FREQUENCIES + 1, mode="mirror")
-        floor = 0.1 * float(np.median(expected[inner]))
-    else:
-        floor, scale = 0.1 * float(expected.max()), mean[inner].sum() / expected[inner].sum()
-    ratio = (mean[inner] / scale + floor) / (expected[inner] + floor)
-    peak = float(ratio.max())
-    shape = len(spectra) * 0.9
-    p = float(special.gammaincc(shape, shape * peak)) * ratio.size * len(SPECTRUM_SAMPLES)
-    at = int(np.argmax(ratio))
-    power = max(float((mean[inner] - scale * expected[inner])[at]), 0.0)
-    rms = float(np.sqrt(2.0 * power) / window.sum())  # of a sine of this power in one frequency
-    # Where the noise's own model is a little off, a long piece shows that as a line: one that matters is larger.
-    if length > min(SPECTRUM_SAMPLES) and rms < LEAST_HUM * noise.standard_deviation:
-        p = 1.0
-    return Check(LINE, min(1.0, p), rms)

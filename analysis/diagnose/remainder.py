@@ -81,7 +81,7 @@ def measure_remainder(
         # Another run does not have a rate of its own that was fitted to it.
         residual = left_at_common_rates(channel, found)
         square = float((channel.count * (residual**2 - spread**2)).sum() / channel.count.sum())
-    rms = float(np.hypot(np.sqrt(max(square, 0.0)), adequacy.hidden_rms))
+    rms = float(np.sqrt(max(square, 0.0)))
     peak = float(max(beyond.max(initial=0.0), 0.0))
     # By what a change of the air as large as the runs' is read wrong.
     misled = discrepancy * float(np.sqrt(np.mean(channel.quantity.step(channel.conditions) ** 2)))

@@ -1,13 +1,12 @@
 """What single readings do all along, with no part in the response: a hum and bursts, described from the plateaus.
 
-A hum has one frequency and a phase of its own in each run; held out by whole conditions, the frequency that the other
-runs tell has to stand out of the spectrum of these.
+A hum has one frequency, and a phase and a size of its own in each run. A slow one has to be seen in every condition.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +26,8 @@ Array = NDArray[np.float64]
 LEAST_P_VALUE = 1e-3  # of so much by accident, above which a finding is none
 LONGEST_S = 60.0  # of a plateau, in one spectrum
 PER_WIDTH = 4  # frequencies in the width of a line
+LINE_TURNS = 4.0  # of a hum in a plateau, from which on it is no slow wandering
+SEEN_SQUARE = 4.6  # times the mean square that noise alone leaves: one plateau in a hundred shows that by chance
 FINE_FACTOR = 12  # times as many around the one that stands out
 BESIDE_WIDTHS = 3  # widths of a line, which are not taken for the noise beside it
 AROUND_WIDTHS = 40  # widths of a line, which are
@@ -37,7 +38,7 @@ SHARP_SLOPE = 0.15
 SLOPE_SIGMAS = 3.0
 EXPECTED_SHARE = 3e-4  # share of readings that are absurd in real logs
 NEAR_TURN, LEAST_READINGS = 0.3, 8  # of a turn over a run; of a plateau that tells a swing
-FEWEST_PLATEAUS = 4  # plateaus of a condition that is held out
+FEWEST_PLATEAUS = 4  # plateaus of a condition that is held out; twice as many tell a hum
 NAMES = {"ambient": "ambient", "airflow": "airflow", "step": "direction", "run order": "run_order"}
 
 
@@ -71,15 +72,21 @@ def restless(channel: Channel, adequacy: Adequacy) -> tuple[Discovered, ...]:
 def without_hum(channel: Channel) -> tuple[Channel, Discovered | None]:
     """A channel with a hum taken out of its readings, and the hum; the channel as it is where none is certain.
 
-    A hum is looked for from the lowest frequency that a plateau shows: as a line that stands out in every condition,
-    and out of the noise as it is estimated once the line is gone, which cannot then imitate it.
+    A hum is looked for from the lowest frequency that a plateau shows: as the line that stands out most beside the
+    spectrum around it, and then out of the noise as it is estimated once the line is gone, which cannot imitate it.
     """
-    pieces = _pieces(channel)
-    hum = _hum(channel, pieces)
-    if hum is None or hum.period_s is None or hum.size is None:
+    pieces = [p for p in _pieces(channel) if _spread(p.value) > 0.0]  # one that mostly repeats a value has no spectrum
+    line_hz = _highest_line(channel, pieces) if len(pieces) >= 2 * FEWEST_PLATEAUS else None
+    if line_hz is None:
         return channel, None
-    frequency, u = _whole_runs(channel, 1.0 / hum.period_s.value, hum.size.value)
-    hum = replace(hum, period_s=Uncertain(1.0 / frequency, u / frequency**2))
+    calm = [_without_bursts(piece) for piece in pieces]
+    amplitude, left = np.array([_sinusoid(piece, line_hz) for piece in calm]).T
+    by_noise = 4.0 * left / [piece.value.size for piece in calm]  # mean of the square of an amplitude in noise alone
+    seen = amplitude**2 > SEEN_SQUARE * by_noise
+    if not seen.any():
+        return channel, None
+    size = float(np.sqrt(np.median((amplitude**2 - by_noise)[seen])))
+    frequency, u = _whole_runs(channel, line_hz, size)
     samples = [
         (time, value - _swing(time, value, channel.sampling_period_s, frequency)) for time, value in channel.samples
     ]
@@ -96,6 +103,14 @@ def without_hum(channel: Channel) -> tuple[Channel, Discovered | None]:
         expected += 4.0 * max(usual, 1e-300) / piece.value.size**2
     looks = sum(piece.value.size for piece in pieces) / len(pieces)
     chance = float(special.gammaincc(len(pieces), power / expected * len(pieces))) * looks
+    hum = Discovered(
+        behaves_as="periodic",
+        driver="none",
+        period_s=Uncertain(1.0 / frequency, u / frequency**2),
+        size=EffectSize(size, float(amplitude.std(ddof=1) / np.sqrt(amplitude.size)), channel.quantity.unit),
+        does_not_depend_on=_independent(channel, np.array([p.run for p in calm]), amplitude),
+        probability=1.0,
+    )
     return (channel, None) if chance > LEAST_P_VALUE**2 else (quiet, hum)
 
 
@@ -175,51 +190,25 @@ def _amplitudes(pieces: list[_Plateau], frequency_hz: Array) -> tuple[Array, Arr
     return np.array(squares), np.array(noise)
 
 
-def _hum(channel: Channel, pieces: list[_Plateau]) -> Discovered | None:
-    """A hum by its period and amplitude; None where conditions do not bear one another out."""
-    pieces = [p for p in pieces if _spread(p.value) > 0.0]  # one that mostly repeats a value has no spectrum
-    if len(pieces) < 2 * FEWEST_PLATEAUS:
-        return None
-    lasts_s = float(np.median([p.time_s[-1] - p.time_s[0] for p in pieces]))
-    width = 1.0 / lasts_s
+def _highest_line(channel: Channel, pieces: list[_Plateau]) -> float | None:
+    """Frequency [Hz] that stands out most in the plateaus' mean spectrum; None where they are too short for one, or it
+    is so slow that wandering looks alike, and not every condition shows the line that the others tell."""
+    width = 1.0 / float(np.median([p.time_s[-1] - p.time_s[0] for p in pieces]))
     grid = np.arange(2.0 * width, 0.5 / channel.sampling_period_s, width / PER_WIDTH)
-    if not grid.size:  # plateaus of a few readings
+    if not grid.size:
         return None
     squares, _ = _amplitudes(pieces, grid)
     power = squares / np.median(squares, axis=1, keepdims=True)
-    run = np.array([p.run for p in pieces])
-    for runs in whole_conditions(channel):
-        test = runs[run]
-        if (
-            test.sum() >= FEWEST_PLATEAUS
-            and (~test).sum() >= FEWEST_PLATEAUS
-            and not _stands_out(power[~test], power[test])
-        ):
+    mean, run = power.mean(axis=0), np.array([p.run for p in pieces])
+    highest = grid[int(np.argmax(mean / _beside(mean)))]
+    parts = [runs[run] for runs in whole_conditions(channel)] if highest < LINE_TURNS * width else []
+    for test in parts:
+        both = min(test.sum(), (~test).sum()) >= FEWEST_PLATEAUS
+        if both and not _stands_out(power[~test], power[test]):
             return None
-    coarse = int(np.argmax(power.mean(axis=0) / _beside(power.mean(axis=0))))
-    fine = grid[coarse] + np.arange(-PER_WIDTH * FINE_FACTOR, PER_WIDTH * FINE_FACTOR + 1) * width / (
-        PER_WIDTH * FINE_FACTOR
-    )
-    own, variance = _amplitudes(pieces, fine)
-    at = int(np.argmax((own / variance[:, None]).sum(axis=0)))
-    frequency = float(fine[at])
-    quiet = [_without_bursts(piece) for piece in pieces]
-    count = np.array([p.value.size for p in quiet])
-    lasts = np.array([p.time_s[-1] - p.time_s[0] for p in quiet])
-    amplitude, noise = np.array([_sinusoid(piece, frequency) for piece in quiet]).T
-    size = float(np.sqrt(np.median(np.maximum(amplitude**2 - 4.0 * noise / count, 0.0))))
-    if size == 0.0:
-        return None
-    # Cramer and Rao, of a sinusoid's frequency in white noise (Rife and Boorstyn 1974, doi 10.1109/TIT.1974.1055282).
-    known = (np.pi**2 * size**2 * count * lasts**2 / (6.0 * np.maximum(noise, 1e-300))).sum()
-    return Discovered(
-        behaves_as="periodic",
-        driver="none",
-        period_s=Uncertain(1.0 / frequency, float(1.0 / np.sqrt(known)) / frequency**2),
-        size=EffectSize(size, float(amplitude.std(ddof=1) / np.sqrt(amplitude.size)), channel.quantity.unit),
-        does_not_depend_on=_independent(channel, run, amplitude),
-        probability=1.0,
-    )
+    near = np.arange(-PER_WIDTH * FINE_FACTOR, PER_WIDTH * FINE_FACTOR + 1) * width / (PER_WIDTH * FINE_FACTOR)
+    own, variance = _amplitudes(pieces, highest + near)
+    return float((highest + near)[int(np.argmax((own / variance[:, None]).sum(axis=0)))])
 
 
 def _without_bursts(piece: _Plateau) -> _Plateau:

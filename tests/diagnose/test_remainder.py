@@ -35,7 +35,7 @@ def test_noise_alone_leaves_nothing_above_itself(monkeypatch, memory):
         SimpleNamespace(channel=channel, whitener=whitener),
         SimpleNamespace(residual=residual),
         SimpleNamespace(standard_deviation=0.1),
-        SimpleNamespace(passed=True, hidden_rms=0.0),
+        SimpleNamespace(passed=True),
         SimpleNamespace(measured=False),
         Tolerance(),
     )
