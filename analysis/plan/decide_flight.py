@@ -32,7 +32,6 @@ from shockrig.analysis.plan.flight_plan import (
     LEVEL_USUAL_M_S,
     TAKEOFF_M_S,
     TAKEOFF_TO_M,
-    FlightPlan,
     Hover,
     Leg,
     OutAndBack,
@@ -90,10 +89,10 @@ class SensorCandidate:
 
 @dataclass(frozen=True)
 class DecidingFlight:
-    """A flight that could be flown: in a word what it is, its plan, and the nats expected of each channel."""
+    """A flight that could be flown: in a word what it is, its legs, and the nats expected of each channel."""
 
     what: str
-    plan: FlightPlan
+    legs: tuple[Leg, ...]
     nats_of: Mapping[str, float]
 
     @property
@@ -104,7 +103,7 @@ class DecidingFlight:
     @property
     def minutes(self) -> float:
         """From takeoff to landing."""
-        return minutes(self.plan)
+        return minutes(self.legs)
 
     @property
     def nats_per_minute(self) -> float:
@@ -112,7 +111,7 @@ class DecidingFlight:
         return self.nats / self.minutes
 
 
-def ranked(learned: LearnedFile, home: tuple[float, float, float], limits: FlightLimits) -> list[DecidingFlight]:
+def ranked(learned: LearnedFile, limits: FlightLimits) -> list[DecidingFlight]:
     """Flights within limits by the information that a minute brings, most first.
 
     Raises
@@ -122,10 +121,10 @@ def ranked(learned: LearnedFile, home: tuple[float, float, float], limits: Fligh
     """
     candidates = {channel: candidates_of(channel, one) for channel, one in learned.channels.items()}
     found = []
-    for what, plan in menu(home, limits):
-        bins = planned_bins(plan, learned)
+    for what, legs in menu(limits).items():
+        bins = planned_bins(legs, learned)
         nats = {channel: expected_nats(bins, channel, learned, models) for channel, models in candidates.items()}
-        found.append(DecidingFlight(what, plan, nats))
+        found.append(DecidingFlight(what, legs, nats))
     return sorted(found, key=lambda one: -one.nats_per_minute)
 
 
@@ -168,13 +167,13 @@ def advice(flight: DecidingFlight) -> str:
     return f"{odds}: once should decide" if times == 1 else f"{odds}: about {times} such flights decide"
 
 
-def menu(home: tuple[float, float, float], limits: FlightLimits) -> list[tuple[str, FlightPlan]]:
+def menu(limits: FlightLimits) -> dict[str, tuple[Leg, ...]]:
     """Candidate flights within limits, each with what it is in a word.
 
     Raises
     ------
     InputError
-        There is none: the ceiling or home cannot be, or the drone cannot fly so long.
+        There is none: the ceiling cannot be, or the drone cannot fly so long.
     """
     low, top = TAKEOFF_TO_M, limits.ceiling_m
     if not top >= low + 2.0 * LEAST_PASS_M:
@@ -203,11 +202,7 @@ def menu(home: tuple[float, float, float], limits: FlightLimits) -> list[tuple[s
             Straight(low, TAKEOFF_M_S),
         ),
     }
-    found = []
-    for what, legs in flights.items():
-        plan = FlightPlan(home, legs)  # raises where the place cannot be
-        if minutes(plan) <= limits.endurance_minutes:
-            found.append((what, plan))
+    found = {what: legs for what, legs in flights.items() if minutes(legs) <= limits.endurance_minutes}
     if not found:
         raise InputError(
             f"no flight to {top:g} m takes less than {limits.endurance_minutes:g} minutes; give a lower ceiling or a "
@@ -216,10 +211,10 @@ def menu(home: tuple[float, float, float], limits: FlightLimits) -> list[tuple[s
     return found
 
 
-def planned_bins(plan: FlightPlan, learned: LearnedFile) -> FlightBins:
+def planned_bins(legs: Sequence[Leg], learned: LearnedFile) -> FlightBins:
     """Bins of a flight as they will be, read once a second in calm air."""
     times, heights, airspeeds, at_m = [0.0], [0.0], [], 0.0
-    for leg in (Straight(TAKEOFF_TO_M, TAKEOFF_M_S), *plan.legs, Straight(0.0, LANDING_M_S)):
+    for leg in (Straight(TAKEOFF_TO_M, TAKEOFF_M_S), *legs, Straight(0.0, LANDING_M_S)):
         times.append(times[-1] + seconds_of(leg, at_m))
         airspeeds.append(_airspeed(leg))
         at_m = end_m(leg, at_m)

@@ -10,12 +10,10 @@ types 2 and 3.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from shockrig.files.errors import InputError
 from shockrig.files.mission import Command, Item, Mission
-from shockrig.files.ranges import LIKELY_RANGES, Range
 
 EARTH_RADIUS_M = 6_371_000.0
 TAKEOFF_TO_M = 10.0  # altitude to which the drone rises by itself before the first leg
@@ -49,6 +47,7 @@ class OutAndBack:
 
 
 Leg = Straight | Hover | OutAndBack
+Home = tuple[float, float, float]
 
 
 def end_m(leg: Leg, at_m: float) -> float:
@@ -67,56 +66,26 @@ def seconds_of(leg: Leg, at_m: float) -> float:
             return metres / speed
 
 
-@dataclass(frozen=True)
-class FlightPlan:
-    """Legs over one place.
-
-    Attributes
-    ----------
-    home : tuple
-        Latitude [deg], longitude [deg], altitude above the sea [m].
-    legs : tuple of Leg
-
-    Raises
-    ------
-    InputError
-        Home cannot be.
-    """
-
-    home: tuple[float, float, float]
-    legs: tuple[Leg, ...]
-
-    def __post_init__(self) -> None:
-        latitude, longitude, altitude = self.home
-        for name, value, possible in (
-            ("latitude", latitude, Range(-89.0, 89.0)),
-            ("longitude", longitude, Range(-180.0, 180.0)),
-            ("altitude", altitude, LIKELY_RANGES["altitude_m"]),
-        ):
-            if not possible.holds(value):
-                raise InputError(f"home: {name} {possible.refusal(value)}; give latitude, longitude, altitude")
-
-
-def _flown(plan: FlightPlan) -> Iterator[tuple[Leg, float]]:
+def _flown(legs: Sequence[Leg]) -> Iterator[tuple[Leg, float]]:
     """Each leg with the altitude at which it begins."""
     at_m = TAKEOFF_TO_M
-    for leg in plan.legs:
+    for leg in legs:
         yield leg, at_m
         at_m = end_m(leg, at_m)
 
 
-def minutes(plan: FlightPlan) -> float:
+def minutes(legs: Sequence[Leg]) -> float:
     """How long a flight takes from takeoff to landing, with ArduCopter's own speeds where the plan sets none [min]."""
-    seconds = TAKEOFF_TO_M / TAKEOFF_M_S + sum(seconds_of(leg, at_m) for leg, at_m in _flown(plan))
-    last_m = [end_m(leg, at_m) for leg, at_m in _flown(plan)][-1]
+    seconds = TAKEOFF_TO_M / TAKEOFF_M_S + sum(seconds_of(leg, at_m) for leg, at_m in _flown(legs))
+    last_m = [end_m(leg, at_m) for leg, at_m in _flown(legs)][-1]
     above_m = max(last_m - LANDING_FROM_M, 0.0)
     return (seconds + above_m / DESCENT_USUAL_M_S + (last_m - above_m) / LANDING_M_S) / 60.0
 
 
-def words(plan: FlightPlan) -> list[str]:
+def words(legs: Sequence[Leg]) -> list[str]:
     """A sentence for the pilot for each part of the flight; altitudes are above home."""
     sentences = [f"Take off and rise to {TAKEOFF_TO_M:g} m above home."]
-    for leg, at_m in _flown(plan):
+    for leg, at_m in _flown(legs):
         took = f"({seconds_of(leg, at_m) / 60.0:.1f} min)"
         match leg:
             case Straight(to_m, speed):
@@ -129,17 +98,17 @@ def words(plan: FlightPlan) -> list[str]:
                     f"Fly level at {at_m:g} m, {metres / 2:g} m out towards north and back, at {speed:g} m/s over the "
                     f"ground {took}."
                 )
-    return [*sentences, "Return to launch and land.", f"The flight takes {minutes(plan):.1f} minutes."]
+    return [*sentences, "Return to launch and land.", f"The flight takes {minutes(legs):.1f} minutes."]
 
 
-def mission_of(plan: FlightPlan) -> Mission:
-    """The commands of a flight."""
-    return Mission(plan.home, tuple(_items(plan)), LEVEL_USUAL_M_S)
+def mission_of(home: Home, legs: Sequence[Leg]) -> Mission:
+    """The commands of a flight over home: latitude, longitude [deg], altitude above the sea [m]."""
+    return Mission(home, tuple(_items(home, legs)), LEVEL_USUAL_M_S)
 
 
-def _items(plan: FlightPlan) -> Iterator[Item]:
+def _items(home: Home, legs: Sequence[Leg]) -> Iterator[Item]:
     """Commands from takeoff to landing; a speed is set where it is not what it was."""
-    latitude, longitude, _ = plan.home
+    latitude, longitude, _ = home
     set_m_s: dict[int, float] = {}
 
     def speed(kind: int, value: float) -> Iterator[Item]:
@@ -147,11 +116,11 @@ def _items(plan: FlightPlan) -> Iterator[Item]:
             set_m_s[kind] = value
             yield Item(Command.CHANGE_SPEED, (float(kind), value, -1.0, 0.0))  # -1: the throttle as it is
 
-    def place(altitude_m: float, north_m: float = 0.0) -> tuple[float, float, float]:
+    def place(altitude_m: float, north_m: float = 0.0) -> Home:
         return latitude + math.degrees(north_m / EARTH_RADIUS_M), longitude, altitude_m
 
     yield Item(Command.TAKEOFF, position=place(TAKEOFF_TO_M))
-    for leg, at_m in _flown(plan):
+    for leg, at_m in _flown(legs):
         match leg:
             case Straight(to_m, value):
                 yield from speed(CLIMB_SPEED if to_m > at_m else DESCENT_SPEED, value)

@@ -90,10 +90,10 @@ def _plan_flight(args: argparse.Namespace) -> int:
         raise InputError(f"{shown(path)} does not say where home is; give --home LAT,LON,ALT")
     given = {"ceiling_m": args.ceiling, "endurance_minutes": args.endurance}
     limits = FlightLimits(**{name: value for name, value in given.items() if value is not None})
-    flights = ranked(learned, home or (0.0, 0.0, 0.0), limits)  # without home no mission is written
+    flights = ranked(learned, limits)
     best = flights[0]
     print(f"the next flight: {best.what}; {advice(best)}")
-    print("\n".join(f"  {sentence}" for sentence in words(best.plan)))
+    print("\n".join(f"  {sentence}" for sentence in words(best.legs)))
     if by_night(learned):
         print(f"  {AT_NIGHT}")
     for channel, one in learned.channels.items():
@@ -103,15 +103,16 @@ def _plan_flight(args: argparse.Namespace) -> int:
     print("nats a minute, nats, minutes:")
     for flight in flights:
         print(f"  {flight.nats_per_minute:8.2f} {flight.nats:8.1f} {flight.minutes:6.1f}  {flight.what}")
-    if args.out is not None:
-        write_mission(args.out, mission_of(best.plan))
+    if args.out is not None and home is not None:
+        write_mission(args.out, mission_of(home, best.legs))
         print(f"mission: {args.out}")
     return 0
 
 
 def _place(text: str) -> tuple[float, float, float]:
-    """LAT,LON,ALT as numbers; what they can be is the plan's to say."""
+    """LAT,LON,ALT as numbers that can be."""
     from shockrig.files.errors import InputError
+    from shockrig.files.ranges import LIKELY_RANGES, Range
 
     try:
         latitude, longitude, altitude = (float(part) for part in text.split(","))
@@ -119,6 +120,13 @@ def _place(text: str) -> tuple[float, float, float]:
         raise InputError(
             f"--home {text!r}: expected latitude, longitude [deg] and altitude [m], such as 46.81,6.94,491"
         ) from None
+    for name, value, possible in (
+        ("latitude", latitude, Range(-89.0, 89.0)),
+        ("longitude", longitude, Range(-180.0, 180.0)),
+        ("altitude", altitude, LIKELY_RANGES["altitude_m"]),
+    ):
+        if not possible.holds(value):
+            raise InputError(f"--home: {name} {possible.refusal(value)}; give latitude, longitude, altitude")
     return latitude, longitude, altitude
 
 

@@ -69,7 +69,7 @@ def straight(file, speed_m_s, ways=("up",)):
 
 
 def of_menu(what, file):
-    return next(plan for said, plan in menu(HOME, LIMITS) if said == what)
+    return next(plan for said, plan in menu(LIMITS).items() if said == what)
 
 
 def test_a_hover_tells_a_second_path_from_a_lag_and_a_bare_ascent_does_less_per_minute(learned):
@@ -103,15 +103,15 @@ def test_air_that_changes_more_makes_every_flight_say_less(learned):
 
 def test_flights_are_ranked_within_limits(learned):
     limits = FlightLimits(ceiling_m=90.0, endurance_minutes=3.0)
-    flights = ranked(learned(NOTHING, LAG), HOME, limits)
+    flights = ranked(learned(NOTHING, LAG), limits)
     rates = [one.nats_per_minute for one in flights]
     assert rates == sorted(rates, reverse=True) and rates[0] > 0.0
     assert all(one.minutes <= 3.0 for one in flights)
-    assert max(leg.to_m for one in flights for leg in one.plan.legs if isinstance(leg, Straight)) == 90.0
+    assert max(leg.to_m for one in flights for leg in one.legs if isinstance(leg, Straight)) == 90.0
     with pytest.raises(InputError, match="no air to pass twice"):
-        ranked(learned(LAG), HOME, FlightLimits(ceiling_m=30.0))
+        ranked(learned(LAG), FlightLimits(ceiling_m=30.0))
     with pytest.raises(InputError, match="takes less than 1 minutes"):
-        ranked(learned(LAG), HOME, FlightLimits(endurance_minutes=1.0))
+        ranked(learned(LAG), FlightLimits(endurance_minutes=1.0))
 
 
 @pytest.mark.parametrize("suffix", [".waypoints", ".plan"])
@@ -170,7 +170,7 @@ def test_what_cannot_be_planned_is_refused_in_a_line(tmp_path, monkeypatch, lear
 )
 def test_a_file_that_is_wrong_is_refused_with_its_key(learned, rivals, changed, said):
     with pytest.raises(InputError, match=said):
-        ranked(learned(*rivals, **changed), HOME, LIMITS)
+        ranked(learned(*rivals, **changed), LIMITS)
 
 
 def test_a_bench_still_needs_its_words(capsys):
