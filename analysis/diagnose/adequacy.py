@@ -155,25 +155,6 @@ def when_largest(channel: Channel, found: Fit, noise: Noise) -> tuple[float, flo
     return begins, min(ends, float(np.nanmax(late)))
 
 
-def describe(problem: Problem, found: Fit, noise: Noise, adequacy: Adequacy) -> dict[str, object]:
-    """What is left, without physics: its size, when in the run it is largest, and what it varies with."""
-    channel = problem.channel
-    weight = channel.count
-    size = float(np.sqrt((weight * found.residual**2).sum() / weight.sum()))
-    begins, ends = when_largest(channel, found, noise)
-    return {
-        "size_rms": size,
-        "size_peak": float(np.abs(np.where(weight > 0, found.residual, 0.0)).max()),
-        "unit": channel.quantity.unit,
-        "in_units_of_the_noise": size / noise.standard_deviation,
-        "test": adequacy.worst.name,
-        "p": adequacy.p,
-        "largest_from_s": begins,
-        "largest_until_s": ends,
-        "varies_with": varies_with(problem, found),
-    }
-
-
 def _deviations(problem: Problem, found: Fit) -> list[Check]:
     channel = problem.channel
     variance, prior = found.arrow.run_variances(), 1.0 / found.arrow.weight

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from shockrig.analysis.characterize.shifts import widened
 from shockrig.analysis.checks.campaign_checks import Checked, checked
 from shockrig.analysis.checks.finding import InputFinding
-from shockrig.analysis.diagnose.adequacy import describe, judge
+from shockrig.analysis.diagnose.adequacy import judge
 from shockrig.analysis.diagnose.candidates import at_bound
 from shockrig.analysis.diagnose.diagnosed import (
     NO_STEP,
@@ -30,7 +30,7 @@ from shockrig.analysis.diagnose.experiments import propose, unseen
 from shockrig.analysis.diagnose.gain import Gain, HeldOutPart, held_out_parts, held_out_squares, measure_gain
 from shockrig.analysis.diagnose.grammar import stated
 from shockrig.analysis.diagnose.prepare import Prepared, likelier_average, prepare, with_rounding
-from shockrig.analysis.diagnose.remainder import Tolerance, measure_remainder, predicted_badly
+from shockrig.analysis.diagnose.remainder import Tolerance, describe, measure_remainder, predicted_badly
 from shockrig.analysis.diagnose.restless import nothing_else, restless, without_hum
 from shockrig.analysis.diagnose.search import Earlier, Rated, Search, first_look, search
 from shockrig.analysis.diagnose.thresholds import level
@@ -263,7 +263,7 @@ def diagnose_channel(
             *(f.sentence for f in parted),
         ),
         tried=_tried(found),
-        discrepancy=describe(problem, found.best.fit, ready.noise, adequacy) if told else None,
+        discrepancy=describe(problem, found.best.fit, ready.noise, adequacy, remainder) if told else None,
     )
 
 

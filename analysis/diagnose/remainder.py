@@ -35,6 +35,25 @@ class Tolerance:
         return self.temperature_k if unit == "K" else self.humidity_percent
 
 
+def describe(
+    problem: Problem, found: Fit, noise: Noise, adequacy: Adequacy, left: StatedRemainder
+) -> dict[str, object]:
+    """What is left, without physics: its size, when in the run it is largest, and what it varies with."""
+    weight = problem.channel.count
+    size = float(np.sqrt((weight * found.residual**2).sum() / weight.sum()))
+    return {
+        "size_rms": size,
+        "size_peak": float(np.abs(np.where(weight > 0, found.residual, 0.0)).max()),
+        "unit": left.unit,
+        "in_units_of_the_noise": size / noise.standard_deviation,
+        "test": adequacy.worst.name,
+        "p": adequacy.p,
+        "largest_from_s": left.from_s,
+        "largest_until_s": left.until_s,
+        "varies_with": list(left.varies_with),
+    }
+
+
 def is_material(significant: bool, size: float, peak: float, tolerance: float) -> bool:
     """Whether what is left is as large as the tolerance: a significant one always is where none is allowed."""
     return size >= tolerance or peak >= PEAK_TOLERANCES * tolerance if tolerance else significant

@@ -31,6 +31,7 @@ from shockrig.analysis.diagnose.shock import (
 )
 from shockrig.analysis.estimate.fit import Fit, apart, linearise
 from shockrig.analysis.estimate.model import Point, Structure
+from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, looked_for
 from shockrig.analysis.fleet.fleet_prior import WithFleet, with_population
 from shockrig.analysis.plan.choose import UNTOLD, Choice, chase, choose_runs
@@ -86,37 +87,36 @@ def second_probe_evidence(looks: Sequence[ChannelLook], shocks: Sequence[Planned
 
 
 def _averaged(
-    looks: Sequence[ChannelLook],
-    shocks: Sequence[PlannedShock],
-    told_by: Callable[[ChannelLook, int, Array, Sequence[PlannedShock]], Array],
+    looks: Sequence[ChannelLook], shocks: Sequence[PlannedShock], told_by: Callable[[ChannelLook, int, Problem], Array]
 ) -> list[float]:
     expected = np.zeros(len(shocks))
     for look in looks:
-        if len(look.rivals) > 1 and look.problem is not None and look.verdict.dispute is not None and shocks:
-            now = np.array([x for x in look.verdict.against if x < REJECTED_FROM])
+        if len(look.rivals) > 1 and look.problem is not None and look.noise is not None and shocks:
+            now, told = np.array([x for x in look.verdict.against if x < REJECTED_FROM]), []
+            for i, true in enumerate(look.rivals):
+                new = imagined(true.on_its_scatters(look.problem), look.noise, shocks, look.problem.channel.ambients_c)
+                told.append(told_by(look, i, new))
             likely = np.exp(now.min() - now)
-            told = [told_by(look, i, now, shocks) for i in range(len(look.rivals))]
             known = rates_known(look.problem.channel, shocks)
             expected = np.maximum(expected, known * (likely @ np.array(told) / likely.sum()))
     return [float(x) for x in expected]
 
 
-def _if_true_beside(look: ChannelLook, i: int, now: Array, shocks: Sequence[PlannedShock]) -> Array:
-    """ln E (M,) that a second probe would add against the most hurt rival of explanation i."""
-    assert look.problem is not None and look.noise is not None and look.verdict.dispute is not None
-    problem, true = look.problem, look.rivals[i]
-    new = imagined(true.on_its_scatters(problem), look.noise, shocks, problem.channel.ambients_c)
+def _degrees(look: ChannelLook) -> int:
+    assert look.problem is not None and look.verdict.dispute is not None
+    return look.verdict.dispute.degrees(look.problem.channel.rates)
+
+
+def _if_true_beside(look: ChannelLook, i: int, new: Problem) -> Array:
+    """ln E (M,) that a second probe would add in new runs against the most hurt rival of explanation i."""
     common = frozenset.intersection(*(frozenset(rival.structure.ids) for rival in look.rivals))
-    structure, places, _ = _beside(true, common)
-    truth, _ = linearise(new, structure, Point(true.theta[places], new.channel.at_rest()))
-    degrees = look.verdict.dispute.degrees(problem.channel.rates)
-    found = np.full(len(shocks), -np.inf)
-    for j, rival in enumerate(look.rivals):
-        if j == i:
-            continue
+    structure, places, _ = _beside(look.rivals[i], common)
+    truth, _ = linearise(new, structure, Point(look.rivals[i].theta[places], new.channel.at_rest()))
+    found = np.full(new.channel.runs, -np.inf)
+    for rival in (one for j, one in enumerate(look.rivals) if j != i):
         structure, places, known = _beside(rival, common)
         twice, _ = apart(new, truth, structure, rival.theta[places], known)
-        found = np.maximum(found, [student(0.5 * float(x), degrees) for x in twice])
+        found = np.maximum(found, [student(0.5 * float(x), _degrees(look)) for x in twice])
     return found
 
 
@@ -134,18 +134,16 @@ def _beside(found: Fit, common: frozenset[str]) -> tuple[Structure, list[int], A
     return kept, places, known
 
 
-def _if_true(look: ChannelLook, i: int, now: Array, shocks: Sequence[PlannedShock]) -> Array:
-    """ln E (M,) that runs would add against the most hurt rival of explanation i."""
-    assert look.problem is not None and look.noise is not None and look.verdict.dispute is not None
-    problem, true = look.problem, look.rivals[i]
-    new = imagined(true.on_its_scatters(problem), look.noise, shocks, problem.channel.ambients_c)
+def _if_true(look: ChannelLook, i: int, new: Problem) -> Array:
+    """ln E (M,) that new runs would add against the most hurt rival of explanation i."""
+    assert look.problem is not None and look.verdict.dispute is not None
+    true, degrees = look.rivals[i], _degrees(look)
     truth, own = linearise(new, true.structure, Point(true.theta, new.channel.at_rest()))
-    every = range(true.theta.size)
     known = true.arrow.normal
-    paid = [2.0 * nats(known, known + one.told, every) for one in own.each_run()]
-    old = np.isin(problem.channel.run_ids, look.verdict.dispute.runs)
-    degrees = look.verdict.dispute.degrees(problem.channel.rates)
-    found = np.full(len(shocks), -np.inf)
+    paid = [2.0 * nats(known, known + one.told, range(true.theta.size)) for one in own.each_run()]
+    old = np.isin(look.problem.channel.run_ids, look.verdict.dispute.runs)
+    now = [x for x in look.verdict.against if x < REJECTED_FROM]
+    found = np.full(new.channel.runs, -np.inf)
     for j, rival in enumerate(look.rivals):
         if j == i:
             continue
@@ -155,8 +153,8 @@ def _if_true(look: ChannelLook, i: int, now: Array, shocks: Sequence[PlannedShoc
         twice -= paid
         if old.all():
             twice += [_allowed(one.told, told, rival.theta.size) for one in each]
-        so_far = _not_student(float(now[j]), degrees)
-        found = np.maximum(found, [student(so_far + 0.5 * float(x), degrees) - float(now[j]) for x in twice])
+        so_far = _not_student(now[j], degrees)
+        found = np.maximum(found, [student(so_far + 0.5 * float(x), degrees) - now[j] for x in twice])
     return found
 
 
