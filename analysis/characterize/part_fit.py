@@ -235,9 +235,9 @@ def quick_part(
     channel: Channel,
     noise: Noise,
     models: Mapping[str, Extension],
-    seed: int,
-    rounding: float,
-    say: Callable[[str], None],
+    seed: int = 0,
+    rounding: float = 0.0,
+    say: Callable[[str], None] = lambda _: None,
 ) -> tuple[Part, list[TableRow], list[LeftOut]]:
     """As `fit_part`, from a rough scan of the rates in place of the two optimisers."""
     problem = make_problem(channel, whiteners(channel, noise), rounding=rounding)

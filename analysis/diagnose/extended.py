@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from shockrig.analysis.characterize.part_fit import Extension, choose_runs, joint_rows, make_part
+from shockrig.analysis.characterize.part_fit import Extension, choose_runs, joint_rows, quick_part
 from shockrig.analysis.characterize.response_times import response_time
 from shockrig.analysis.characterize.result import (
     ChannelResult,
@@ -22,12 +22,9 @@ from shockrig.analysis.characterize.result import (
     to_profile,
 )
 from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis
-from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.fit import Fit, rmse_over_samples
-from shockrig.analysis.estimate.noise import whiteners
-from shockrig.analysis.estimate.problem import make_problem
 from shockrig.analysis.estimate.quantity import ChannelName
 from shockrig.analysis.estimate.seen import by_itself
 from shockrig.files.campaign import Campaign
@@ -43,14 +40,11 @@ def plain_result(found: ChannelDiagnosis) -> ChannelResult | None:
     rows: list[TableRow] = []
     groups, set_aside = choose_runs(found.problem.channel, found.noise, Extension())
     for channel, models in groups:
-        problem = make_problem(channel, whiteners(channel, found.noise))
-        tried = {basis: make_part(problem, plain_fit(problem, model.structure)) for basis, model in models.items()}
-        basis = min(tried, key=lambda name: tried[name].rmse)
-        determined, undetermined = joint_rows(tried[basis], found.noise, basis)
+        part, determined, undetermined = quick_part(channel, found.noise, models)
         set_aside += undetermined
         if determined:
             rows += determined
-            parts.append(tried[basis])
+            parts.append(part)
     return channel_result(rows, found.noise, (), parts, set_aside) if rows else None
 
 

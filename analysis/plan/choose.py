@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from shockrig.analysis.plan.designs import Designs
 from shockrig.analysis.plan.evidence import REJECTED_FROM
 from shockrig.analysis.plan.information import nats
 from shockrig.analysis.plan.minutes import Airs, Minutes, airs_of, airs_of_run
-from shockrig.analysis.plan.precision import FEWEST_RUNS, UNKNOWN_SIGMA, Target
+from shockrig.analysis.plan.precision import FEWEST_RUNS, Target
 from shockrig.analysis.plan.varied import farthest, is_again, shock_of
 from shockrig.files.campaign import Campaign, Run
 
@@ -39,8 +39,6 @@ class Choice:
         That it adds on the rates that goals want [nats].
     evidence : float
         Expected ln E against the explanation that it speaks against most, whichever of those tied is the true one.
-    expected : mapping
-        Label of each goal -> its relative standard uncertainty after the run.
     beside : float
         What a second probe, recorded beside a single one, is expected to add to `evidence`.
     """
@@ -51,7 +49,6 @@ class Choice:
     goals: float
     information: float
     evidence: float
-    expected: Mapping[str, float] = field(default_factory=dict)
     beside: float = 0.0
 
     @property
@@ -130,7 +127,7 @@ def choose_runs(
 
 
 def _weighed(designs: Designs, m: int, so_far: _SoFar, bonus: float, minutes: Minutes) -> Choice:
-    share, told_of_goals, expected = 0.0, 0.0, {}
+    share, told_of_goals = 0.0, 0.0
     for p, normal, count in zip(designs.precise, so_far.normals, so_far.runs, strict=True):
         added, factors = p.info.added[m], p.factors()
         now, then = p.info.variances(np.stack([normal, normal + added]))
@@ -140,12 +137,11 @@ def _weighed(designs: Designs, m: int, so_far: _SoFar, bonus: float, minutes: Mi
             before = progress(target, factors[k] * now[g], int(count[k]))
             after = progress(target, factors[k] * then[g], int(count[k]) + helps)
             share += max(after - before, 0.0)
-            expected[target.label] = float(np.sqrt(min(factors[k] * then[g], UNKNOWN_SIGMA**2)))
     told, have = np.array([pair[m] for pair in designs.pairs]), so_far.have
     deciding = float((np.minimum(have + told, designs.needed) - np.minimum(have, designs.needed)).sum() / REJECTED_FROM)
     best = float(told.max(initial=0.0))
     took = minutes.of(so_far.airs, designs.menu[m])
-    return Choice(designs.menu[m], took, share + deciding + bonus, share, told_of_goals, best, expected)
+    return Choice(designs.menu[m], took, share + deciding + bonus, share, told_of_goals, best)
 
 
 def progress(target: Target, variance: float, runs: int) -> float:
