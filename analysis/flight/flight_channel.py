@@ -528,9 +528,12 @@ def _nearer(channel: FlightChannel, readings: FlightReadings, unit: Array, sigma
     seen = np.isfinite(readings.reading) & channel.screened.read
     if not seen.any():
         return channel
-    # in a gap, what lies between the readings on either side
+    # in a gap, what lies between the readings on either side; or a reading that was thrown out, if that is nearer
     rows = np.arange(seen.size)
     reading = np.interp(rows, rows[seen], readings.reading[seen]) * unit
+    thrown = np.where(channel.screened.implausible, readings.reading * unit, np.nan)
+    nearer = np.abs(channel.value - thrown) < np.abs(channel.value - reading)
+    reading = np.where(nearer, thrown, reading)
     known = np.isfinite(channel.value) & np.isfinite(sigma) & ~channel.raw
     if not known.any():
         return channel
@@ -590,10 +593,14 @@ def reach(readings: FlightReadings, resolved_rate: float) -> tuple[Array, Array]
     ends = np.flatnonzero(readings.usable if readings.loud is None else readings.usable & ~readings.loud)
     if not ends.size:
         ends = np.flatnonzero(readings.usable)
-    # gaps bridged by straight lines: what lies between two readings is no farther than they are
+    # gaps bridged by straight lines, for how far readings go; when they went there nothing tells
     around = np.interp(rows, ends, readings.reading[ends])
+    place = np.searchsorted(ends, rows)
+    both = readings.reading[np.stack([ends[np.maximum(place - 1, 0)], ends[np.minimum(place, ends.size - 1)]])]
+    both[:, ends] = readings.reading[ends]
     if readings.told is not None:
-        around = np.where(np.isfinite(readings.told), readings.told, around)
+        told = np.isfinite(readings.told)
+        around, both = np.where(told, readings.told, around), np.where(told, readings.told, both)
     period = typical_period(readings.time_s)
     response = readings.response
     size = min(2 * _remembered(readings) + 1, 2 * rows.size + 1)
@@ -602,4 +609,4 @@ def reach(readings: FlightReadings, resolved_rate: float) -> tuple[Array, Array]
     high = maximum_filter1d(around, size, mode="nearest") + margin
     resolved = max(np.pi / resolved_rate, period)
     spread = (high - low) / float(np.clip(largest_share(response, resolved), LEAST_SHARE, MOST_SHARE))
-    return around - spread, around + spread
+    return both.min(axis=0) - spread, both.max(axis=0) + spread

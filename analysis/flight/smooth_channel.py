@@ -206,9 +206,14 @@ def _places(track: Track, variance: Array, score: Array, known_s: Array) -> NDAr
         if not told and size[around].max() > KNOWN_SIGMAS:
             places.append(int(np.clip(around.start + np.argmax(size[around]), first, last)))
     places = sorted(set(places))
+    read = np.isfinite(variance)
     largest = maximum_filter1d(size, 2 * APART_SAMPLES + 1, mode="nearest")
-    reading = np.cumsum(np.append(False, np.isfinite(variance)))  # how many came before each node
-    for k in np.flatnonzero((size > JUMP_SIGMAS) & (size >= largest)).tolist():
+    reading = np.cumsum(np.append(False, read))  # how many came before each node
+    # before a gap a jump at the last reading and one in the gap may be alike
+    alike = 0.5 * (size[:-1] ** 2 - size[1:] ** 2) < ALIKE_NATS
+    into_gap = np.append(read[:-1] & ~read[1:] & alike, False)
+    found = np.flatnonzero((size > JUMP_SIGMAS) & (size >= largest))
+    for k in (found + into_gap[found]).tolist():
         if all(abs(k - other) > APART_SAMPLES and reading[k] != reading[other] for other in places):
             places.append(k)
     return np.array(places, dtype=np.int64)
@@ -259,7 +264,7 @@ def _best(
     trials.add_around(near, size, track.period_s)
     outside = len(trials.tried)
     places = np.unique(np.linspace(first, last, PLACES_IN_GAP if last > first else 0).astype(int))
-    if not jumps.variance[first : last + 1].any():
+    if not jumps.variance[first : last + 1, 0].any():
         for k in places.tolist():
             trials.add((k, 0, size[0], 0.5))
     tried = trials.tried
