@@ -477,17 +477,19 @@ def screen(
     believed = ~(missing | implausible)
     rows = np.flatnonzero(believed)
     resolution = resolution_of(reading[rows])
-    # of a value that is written again and again the first stands for all
-    new = np.flatnonzero(np.diff(reading[rows], prepend=np.inf) != 0)
-    if new.size >= 3:
+    # of a value that is written again and again the first stands for all, but among steps of the log each row counts
+    firsts = [np.flatnonzero(np.diff(reading[rows], prepend=np.inf) != 0)]
+    firsts += [np.arange(rows.size)] * stairs(reading[rows], resolution, noise)
+    for new in (some for some in firsts if some.size >= 3):
+        lasting = np.diff(np.append(new, rows.size))
         of_air = np.zeros(new.shape, dtype=bool)
         if felt is not None:
             of_air = _felt(reading[rows[new]], felt, rows[new], noise, resolution)
-        lone = _lone(reading[rows[new]], np.diff(np.append(new, rows.size)) > 1, of_air, noise, resolution)
+        lone = _lone(reading[rows[new]], lasting > 1, of_air, noise, resolution)
         spiked = _spikes(reading[rows], new, swing * share, noise, resolution)
         if lagging is not None and spiked.any():
             spiked &= _spikes(lagging[rows], new, swing * share, noise, resolution)
-        implausible[rows] = np.repeat(lone | (spiked & ~of_air), np.diff(np.append(new, rows.size)))
+        implausible[rows] |= np.repeat(lone | (spiked & ~of_air), lasting)
     believed &= ~implausible
     by_steps = stairs(reading[np.flatnonzero(believed)], resolution, noise)
     spikes = implausible & (reading >= possible.low) & (reading <= possible.high)
@@ -559,6 +561,10 @@ def _lone(values: Array, again: Mask, of_air: Mask, noise: float, resolution: fl
         on_the_way = np.ones(values.size, dtype=bool)
         on_the_way[left] = (step[:-1] * step[1:] > 0.0) & (off[left] <= LONE_SIGMAS * np.hypot(noise, resolution))
         suspect &= ~on_the_way
+        # one that was on the way to those that are out may stand alone now: readings go to it and all the way back
+        back = np.minimum(np.abs(step[:-1]), np.abs(step[1:])) > (1.0 - ON_THE_WAY) * off[left]
+        peak = back & (step[:-1] * step[1:] < 0.0)
+        suspect[left] |= peak & maximum_filter1d(lone, 3)[left] & (~of_air & _unusual(off, noise, resolution))[left]
     # one between two of them that is as far off goes with them, but not a level that readings stay on
     between = np.pad(lone, 1)[:-2] & np.pad(lone, 1)[2:] & ~lone & ~again
     return np.asarray(lone | (between & (sizes[0] < WORST_SHARE * off)))

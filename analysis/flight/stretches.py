@@ -41,6 +41,7 @@ BESIDE_SHARE = (
 JUMP_IN_STEPS = 1.0 / (1.0 - MOST_SHARE - BESIDE_SHARE)
 FARTHEST_SWINGS = 2.0  # times what air swings: from a heated room into winter, in rows that the sensor follows
 RETURN_SHARE = 0.5  # of a jump, that one back is at least where the air moved in between
+DEGF_SHARE = 0.1  # of a jump, that readings in degF are away from those on its other side
 APART_SHARE = 0.3  # of a jump, that the readings after another are away from those before
 STUCK_LEVELS = 1.5  # steps of the log about a level that a stuck sensor stays within, dither and all
 BY_CHANCE = 1e-6  # probability that noise alone keeps so many readings there
@@ -190,7 +191,7 @@ def _of_this_sensor(
     """Of some rows (m,), at some of which the sensor was `stuck` (m,), those that are not from elsewhere, in what is
     read and in what lags; and, among these, the first behind jumps that none goes back from."""
     while True:
-        elsewhere, lone = _elsewhere(rows, reading[rows], least, swing, share, stuck)
+        elsewhere, lone = _elsewhere(rows, reading[rows], least, swing, share, stuck, lagging is None)
         if lagging is not None and (elsewhere.any() or lone.size):
             also, alone = _elsewhere(rows, lagging[rows], least, swing, share, stuck)
             # of two ends one that the readings jump at is enough: at the other they stood as what lags had to move
@@ -291,12 +292,19 @@ def _scatter(values: Array, order: int, window: int) -> Array:
 
 
 def _elsewhere(
-    rows: NDArray[np.int64], values: Array, least: float, swing: float, share: float, stuck: Mask
+    rows: NDArray[np.int64],
+    values: Array,
+    least: float,
+    swing: float,
+    share: float,
+    stuck: Mask,
+    in_degc: bool = False,
 ) -> tuple[Mask, NDArray[np.int64]]:
     """Readings (n,) at some rows, between a jump of more than `least` and one back that no lag lets through, or between
     two of more than `swing` that no air makes; and those before or behind one such jump that the lag does not let
     through either, whichever are fewer. A sensor that was `stuck` (n,) jumps as it goes on: no stretch begins there.
-    And the first readings behind jumps that no lag lets through and none goes back from."""
+    Readings that are `in_degc` may be in degF for a while. And the first readings behind jumps that no lag lets through
+    and none goes back from."""
     step, apart = np.diff(values), np.diff(rows)
     size = np.abs(step)
     usual = MAD_TO_SIGMA * float(np.median(size))
@@ -305,7 +313,11 @@ def _elsewhere(
     # over a gap a sensor gets anywhere; one end of a stretch may lie in one
     refuted = (share > MOST_SHARE) | (_within(share, apart[sudden - 1]) <= MOST_SHARE)
     goes_on = stuck[sudden - 1] & ~stuck[sudden]
-    away, alone = _between(sudden, values[sudden - 1], values[sudden], refuted, values, swing, goes_on)
+    away, alone = _in_degf(sudden, values[sudden - 1], values[sudden], refuted & in_degc, values.size)
+    left = sudden[alone]
+    elsewhere, without = _between(left, values[left - 1], values[left], refuted[alone], values, swing, goes_on[alone])
+    away |= elsewhere
+    alone[alone] = without
     alone &= refuted & ~maximum_filter1d(stuck, 3)[sudden]
     # medians on either side: beside noise, and where a jump is met halfway
     calm = median_filter(values, 3, mode="nearest")
@@ -329,6 +341,23 @@ def _elsewhere(
 def _within(share: float, rows: NDArray[np.int64] | int) -> Array:
     """Share of a step of the air that is shown within some rows, of a sensor that shows `share` of it in one."""
     return np.asarray(1.0 - (1.0 - share) ** np.asarray(rows, dtype=float))
+
+
+def _in_degf(first: NDArray[np.int64], before: Array, after: Array, refuted: Mask, count: int) -> tuple[Mask, Mask]:
+    """Rows (`count`,) between a jump and one back that both are none in degF, whatever lies between them, and which of
+    the jumps are neither; each as `_between` takes them."""
+    away, alone = np.zeros(count, dtype=bool), np.ones(first.size, dtype=bool)
+    size = np.abs(after - before)
+    begins, ends = (
+        refuted & (np.abs((inside - 32.0) / 1.8 - outside) < DEGF_SHARE * size)
+        for inside, outside in ((after, before), (before, after))
+    )
+    for k in np.flatnonzero(begins).tolist():
+        back = np.flatnonzero(alone & ends & (first > first[k]) & (first < first[k] + count // 2))
+        if alone[k] and back.size:
+            away[first[k] : first[back[0]]] = True
+            alone[(first >= first[k]) & (first <= first[back[0]])] = False
+    return away, alone
 
 
 def _between(

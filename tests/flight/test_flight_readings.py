@@ -730,6 +730,31 @@ def test_a_jump_before_a_stand_or_in_it_may_be_anywhere_in_it(seed, share):
     assert found["outside"] == 0 and found["ours"] < share * found["reading"], found
 
 
+def test_absurd_readings_among_steps_and_beside_one_another_stand_alone():
+    """Of few different values the absurd ones are the usual; and the second of two is on the way back from the first.
+    Before: both were believed."""
+    rows = np.arange(240)
+    noise = 0.02 * np.random.default_rng(5).standard_normal(rows.size)
+    for step in (0.01, 0.25):
+        reading = np.round((np.where(rows < 100, 26.0, 13.0) + noise) / step) * step
+        reading[[40, 72, 151, 152]] = -35.25, 37.5, 51.75, 39.25
+        found = screen(1.0 * rows, reading, RANGES["temperature_c"], 0.02, share=0.98, swing=30.0)
+        assert np.array_equal(np.flatnonzero(found.implausible), [40, 72, 151, 152])
+
+
+def test_a_stretch_in_fahrenheit_is_told_by_its_ends_whatever_lies_between():
+    """A door and a burst in it go farther than the jumps at its ends. Before: all of it was believed, 36 K off."""
+    rng = np.random.default_rng(8)
+    rows = np.arange(2400)
+    air = np.where(rows < 1000, 23.0, 5.0 + 18.0 * np.exp(-(rows - 1000) / 8.0)) + 0.02 * rng.standard_normal(rows.size)
+    air[950:1050] += 2.0 * rng.standard_normal(100)
+    there = (rows >= 717) & (rows < 1130)
+    reading = np.where(there, 1.8 * air + 32.0, air)
+    found = screen(0.1 * rows, reading, RANGES["temperature_c"], 0.02, share=0.3, swing=30.0)
+    assert np.array_equal(found.implausible[:940], there[:940]) and found.implausible[1050:1130].all()
+    assert not found.implausible[1130:].any()
+
+
 def test_the_first_and_last_steps_of_a_burst_are_its_own():
     """A window's median may see neither; behind a lag no air makes them. Before: two rows of calm noise beside it."""
     rng = np.random.default_rng(3)
