@@ -263,7 +263,7 @@ def _best(
     known = len(trials.tried)
     trials.add_around(near, size, track.period_s)
     outside = len(trials.tried)
-    places = np.unique(np.linspace(first, last, PLACES_IN_GAP if last > first else 0).astype(int))
+    places = _in_gap(first, last) if last > first else np.zeros(0, dtype=np.int64)
     if not jumps.variance[first : last + 1, 0].any():
         for k in places.tolist():
             trials.add((k, 0, size[0], 0.5))
@@ -291,10 +291,12 @@ def _best(
     in_gap = cost[outside:]
     if in_gap.size == places.size > 0 and in_gap.min() <= cost.min() + np.log(outside + 1):
         # the likeliest of many is likelier than it is
-        alike = places[in_gap <= in_gap.min() + ALIKE_NATS]
+        alike = np.flatnonzero(in_gap <= in_gap.min() + ALIKE_NATS)
         if alike[-1] > alike[0]:
+            # up to the first that was tried and is refuted
+            begins, behind = places[alike[0]], np.append(places, last + 1)[alike[-1] + 1]
             anywhere = Jumps(jumps.variance.copy(), jumps.place)
-            anywhere.variance[alike[0] : alike[-1] + 1, 0] = size[0] ** 2 / (alike[-1] + 1 - alike[0])
+            anywhere.variance[begins:behind, 0] = size[0] ** 2 / (behind - begins)
             return anywhere
     # a jump is placed as finely as it shows before it is compared with what has no such place
     if (sharp := np.flatnonzero(trials.single)).size:
@@ -307,6 +309,14 @@ def _best(
         if own is not None and own.cost + np.log(values.size) < cost.min():
             return own
     return trials.with_one(tried[int(np.argmin(cost))])
+
+
+def _in_gap(first: int, last: int) -> NDArray[np.int64]:
+    """Nodes of a gap at which a jump is tried: evenly, and closer towards its end, since the readings behind say until
+    when the sensor had time to follow."""
+    even = np.linspace(first, last, PLACES_IN_GAP).astype(int)
+    closer = last - 2 ** np.arange(int(np.log2(max(last - int(even[-2]), 1))) + 1)
+    return np.unique(np.concatenate([even, closer[closer > first]]))
 
 
 def _burst_around(near: int, loud: NDArray[np.bool_], read: NDArray[np.bool_]) -> slice | None:

@@ -615,6 +615,18 @@ def test_a_film_that_was_wet_is_owned_and_said():
         assert harm.score("wet film", seed, False)[1]["covered"] > 0.9
 
 
+def test_a_jump_in_a_long_gap_may_be_as_late_as_the_readings_behind_it_let_be():
+    """Four seconds before them, of which a bead of 1 s shows next to nothing. Before: the last place that was tried lay
+    8 s from the end of the gap, and behind it the air was known to 0.02 K."""
+    time_s = 0.1 * np.arange(1600)
+    read, jumped = (time_s < 40.0) | (time_s > 130.0), time_s > 126.0
+    shown = np.where(jumped, 4.0 * (1.0 - np.exp(np.minimum(126.0 - time_s, 0.0))), 0.0)
+    reading = shown + 0.02 * np.random.default_rng(3).standard_normal(time_s.size)
+    response = LagResponse(np.ones((1600, 1)), np.full((1600, 1), 1.0), np.zeros(1600))
+    found = estimate(time_s, reading, read, response, np.full(1600, 0.02**2))
+    assert np.all(np.sqrt(found.variance)[(time_s > 60.0) & (time_s < 125.0)] > 0.3)
+
+
 def test_every_number_whose_sensitivity_is_counted_is_one_of_the_correction():
     sensitivity = benchmark("flight_sensitivity")
     for name in (*sensitivity.SMOOTHER, *sensitivity.CAUSAL):
