@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 from flight_kinds import FINE_S, Rng, lagged, profile, with_rows, with_sensors
-from flight_worlds import World, air, changed, clock, saturation_hpa, through
+from flight_worlds import World, air, changed, clock, driven, saturation_hpa, through
 
 Array = np.ndarray
 
@@ -81,16 +81,6 @@ def _whole_seconds(log: dict[str, Array], rng: Rng) -> None:
     log["time_s"] = np.floor(log["time_s"] * rng.uniform(1.05, 1.25)) / 1.0
 
 
-def _drops(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
-    """Drizzle: now and then a drop covers a part of the film, and dries within seconds."""
-    time = np.arange(bead.size) * FINE_S
-    share = np.zeros(bead.size)
-    for at in np.sort(rng.uniform(30, 220, 4)):
-        share = np.where(time >= at, np.maximum(share, rng.uniform(0.2, 0.6) * (time < at + rng.uniform(2, 8))), share)
-    share = lagged(share, 1.5)
-    return bead, humidity + share * (100.0 - humidity)
-
-
 def _late_humidity(log: dict[str, Array], rng: Rng) -> None:
     """The hygrometer's last value is written: it is a second old."""
     log["humidity_percent"] = np.interp(log["time_s"] - rng.uniform(0.6, 1.4), log["time_s"], log["humidity_percent"])
@@ -111,12 +101,15 @@ def _ranges(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -
     return bead + rng.uniform(0.2, 0.4) * (bead > np.median(bead)), humidity
 
 
-def _heated_film(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
-    """A hygrometer that heats itself for ten seconds once a minute, to stay dry."""
-    time = np.arange(bead.size) * FINE_S
-    over = lagged(np.where((time + rng.uniform(0, 60)) % 60.0 < 10.0, rng.uniform(2.0, 4.0), 0.0), 3.0)
-    scale = saturation_hpa(world.temperature_c)
-    return bead, humidity * scale / saturation_hpa(world.temperature_c + over)
+def _ages(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """Dust settles on the film: by the flight's end it takes a half longer than at its start."""
+    slower = 1.0 + rng.uniform(0.3, 0.7) * np.linspace(0.0, 1.0, bead.size)
+    return bead, 100.0 * driven("film", rate / slower, world.vapour_hpa) / saturation_hpa(world.temperature_c)
+
+
+def _half_kelvins(log: dict[str, Array], rng: Rng) -> None:
+    """A logger that keeps the temperature in halves of a kelvin, and the humidity as it comes."""
+    log["temperature_c"] = np.round(2.0 * log["temperature_c"]) / 2.0
 
 
 def _radio(log: dict[str, Array], rng: Rng) -> None:
@@ -169,11 +162,11 @@ FRESH: dict[str, Callable[[Rng], World]] = {
     "cold pool, twice": snow_hole,
     "jitter": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2), _jitter),
     "clock in seconds": lambda r: changed(with_rows(profile(r, 40.0, 0.04, 0.2), _whole_seconds), period_s=1.0),
-    "drops on the film": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _drops),
+    "dust settles": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _ages),
+    "half kelvins": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2), _half_kelvins),
     "late humidity": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2, True), _late_humidity),
     "fan now and then": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _fan_now_and_then),
     "converter's ranges": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _ranges),
-    "heated film": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _heated_film),
     "radio that fails": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2), _radio),
     "doors, radio fails": lambda r: with_rows(doors(r), _radio),
     "film regains itself": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _regained),

@@ -277,6 +277,24 @@ def _wet_film(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng)
     return bead, np.where(time > start - 8.0, np.maximum(lagged(wet, 2.0), humidity), humidity)
 
 
+def _drops(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """Drizzle: now and then a drop covers a part of the film, and dries within seconds."""
+    time = np.arange(bead.size) * FINE_S
+    share = np.zeros(bead.size)
+    for at in np.sort(rng.uniform(30, 220, 4)):
+        share = np.where(time >= at, np.maximum(share, rng.uniform(0.2, 0.6) * (time < at + rng.uniform(2, 8))), share)
+    share = lagged(share, 1.5)
+    return bead, humidity + share * (100.0 - humidity)
+
+
+def _heated_film(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """A hygrometer that heats itself for ten seconds once a minute, to stay dry."""
+    time = np.arange(bead.size) * FINE_S
+    over = lagged(np.where((time + rng.uniform(0, 60)) % 60.0 < 10.0, rng.uniform(2.0, 4.0), 0.0), 3.0)
+    scale = saturation_hpa(world.temperature_c)
+    return bead, humidity * scale / saturation_hpa(world.temperature_c + over)
+
+
 def long_layers(rng: Rng) -> World:
     """Twenty minutes through layers, for a film slower than a window."""
     time = clock(1200.0)
@@ -354,6 +372,8 @@ KINDS: dict[str, Callable[[Rng], World]] = {
     "hygrometer warms up": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _warm_logger),
     "supply sags": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _supply),
     "wet film": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _wet_film),
+    "drops on the film": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _drops),
+    "heated film": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _heated_film),
     "second lag": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _second_lag),
     "film in RH": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _by_humidity),
     "late die": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _late_die),

@@ -432,11 +432,13 @@ def held(
     notes: list[str],
     possible: tuple[float, float] = (-np.inf, np.inf),
     left_open: Array | float = 0.0,
+    broken: Array | float = 0.0,
 ) -> FlightChannel:
     """The channel no farther from its readings than the air can be; by how much it was counts as uncertainty.
 
     `unit` turns the readings' unit into that of `raw`, the log's; `possible` is what no air is beyond; `left_open` (n,)
-    is the uncertainty of what lags, in the log's unit, that reading and result have in common and their difference not.
+    is the uncertainty of what lags, in the log's unit, that reading and result have in common and their difference not;
+    `broken` (n,) is 1 or -1 where it goes up or down in a way that another sensor would have shown, and did not.
     """
     low, high = (bound * unit for bound in reach(readings, channel.resolved_rate))
     # where the sensor was read, the air may be as it says
@@ -447,8 +449,9 @@ def held(
     out = np.abs(np.clip(value, *possible) - value) > READING_SIGMAS * channel.uncertainty
     value = np.where(out, np.clip(value, *possible), value)
     sigma = channel.uncertainty
-    odd = np.where(np.abs(past) > READING_SIGMAS * sigma, np.sign(past), 0.0)
-    as_before = _as_before(value, odd, readings, notes)
+    impossible = np.abs(past) > READING_SIGMAS * sigma
+    odd = np.where(impossible, np.sign(past), broken)
+    as_before = _as_before(value, own, odd, impossible, readings, notes)
     if (capped := _capped(channel, np.full(raw.shape, -np.inf)) & ~channel.raw).any():
         value = _above_ceiling(value, raw, capped, channel, readings, notes)
         beyond = np.where(capped & np.isfinite(value), value - raw, 0.0)
@@ -470,29 +473,40 @@ def held(
     return _nearer(channel, readings, unit, np.hypot(unsure, beyond))
 
 
-def _as_before(value: Array, odd: Array, readings: FlightReadings, notes: list[str]) -> Array:
-    """Uncertainty (n,) from where the readings go up (`odd` 1) or down (-1) as no air could have made them: it may lie
-    anywhere between what it was before and its `value` (n,), until this is back there, or goes back as oddly."""
+def _as_before(
+    value: Array, own: Array, odd: Array, impossible: Mask, readings: FlightReadings, notes: list[str]
+) -> Array:
+    """Uncertainty (n,) from where the readings go up (`odd` 1) or down (-1) as no air makes them (`impossible`), or
+    none that another sensor would not have shown: it may lie anywhere between what it was before and its `value` (n,),
+    until this is back there, or had the time for that since it went back as oddly; and for as long as the sensor
+    remembers it between that and the sensor's `own` reading."""
     unsure, rows, behind = np.zeros(value.shape), _remembered(readings), 0
+    lagging = np.nan_to_num(np.abs(value - own))
     for first in np.flatnonzero(odd).tolist():
         if first < behind:
             continue
         way = odd[first]
         before = np.nanmin(way * value[max(first - rows, 0) : first + 1])
-        gone = np.nan_to_num(way * value[first:] - before, nan=np.inf)
-        # back is where it goes on its way back as oddly, or as it was before
-        ends = np.flatnonzero((odd[first:] == -way) | (gone <= 0.0))
-        behind = first + int(ends[0]) if ends.size else value.size
-        unsure[first:behind] = np.where(np.isfinite(gone), gone, 0.0)[: behind - first] / np.sqrt(3.0)
+        gone = np.nan_to_num(way * value[first:] - before)
+        home, back = (np.append(np.flatnonzero(one), gone.size) for one in (gone <= 0.0, odd[first:] == -way))
+        behind = first + min(int(home[0]), rows + (int(back[0]) if back[0] < gone.size else 0), gone.size)
         going = np.flatnonzero(odd[behind : behind + rows] == -way)
-        behind += int(going[-1]) + 1 if going.size else 0
-        until_s = readings.time_s[min(behind, value.size - 1)]
+        until = behind + (int(going[-1]) + 1 if going.size else 0)
+        unsure[first:behind] = np.maximum(gone, 0.0)[: behind - first]
+        after = slice(first, min(until + rows, value.size))
+        unsure[after] = np.maximum(unsure[after], lagging[after])
+        behind = until
+        until_s = readings.time_s[min(until, value.size - 1)]
+        why = (
+            "as behind its lag no air makes it: the sensor was wet, or is faster than the profile says"
+            if impossible[first:until].any()
+            else "at once and the temperature shows nothing of it: other air, or the sensor itself (a drop, a heater)"
+        )
         notes.append(
             f"{readings.channel}: from {readings.time_s[first]:.10g} s on the reading goes "
-            f"{'up' if way > 0 else 'down'} as behind its lag no air makes it: the sensor was wet, or is faster than "
-            f"the profile says; until {until_s:.10g} s the air may be as it was before"
+            f"{'up' if way > 0 else 'down'} {why}; until {until_s:.10g} s the air may be as it was before"
         )
-    return unsure
+    return unsure / np.sqrt(3.0)
 
 
 def _beyond_both_sides(channel: FlightChannel, readings: FlightReadings, unit: Array) -> Array:

@@ -33,7 +33,7 @@ from shockrig.analysis.flight.flight_channel import (
 )
 from shockrig.analysis.flight.response import LagResponse, film_response, unsure_of_airspeed
 from shockrig.analysis.flight.screen import Screened, resolution_of, screen
-from shockrig.analysis.flight.smooth_channel import LONGEST_BRIDGE_S, Estimate, typical_period
+from shockrig.analysis.flight.smooth_channel import KNOWN_SIGMAS, LONGEST_BRIDGE_S, Estimate, typical_period
 from shockrig.analysis.flight.smoother import followed
 from shockrig.analysis.flight.stretches import MOST_SHARE, Felt, fastest, largest_share
 from shockrig.analysis.flight.sweep import lags_behind
@@ -341,7 +341,9 @@ def _through_vapour(
     found = _as_the_film(found, readings.reading, doubt.vague & screened.usable & ~screened.loud)
     outside = ~film.part.covers(film.air_c) | beyond_discovered(film.part.discovered, stream.airflow_m_s, film.air_c)
     channel = judged(readings, found, plain, screened, outside, raw, from_vapour, notes, SATURATED_PERCENT)
-    channel = held(channel, readings, raw, from_vapour, notes, (0.0, SATURATED_PERCENT), doubt.left_open * from_vapour)
+    broken = _unseen_breaks(time_s, found, film.air_c, bead) if alike else np.zeros(raw.shape)
+    left_open = doubt.left_open * from_vapour
+    channel = held(channel, readings, raw, from_vapour, notes, (0.0, SATURATED_PERCENT), left_open, broken)
     channel = _as_read(channel, raw, doubt.unread & (screened.usable | screened.repeated) & ~channel.raw, notes)
     apart = die is not None or found.cutoff_hz is not None
     of_air = _of_the_airs_temperature(channel, time_s, found.air, now, sigma) if apart else channel.uncertainty
@@ -467,6 +469,25 @@ def _of_temperature(readings: FlightReadings, air: Array, error: Array, bead: Fl
     moves = float(np.std(readings.reading[usable & ~vague])) if (usable & ~vague).any() else np.inf
     unread = unread | (lasting & (passing.sigma > moves))
     return TemperatureDoubt(air.shape, passing, unread, unread | (vague & ~lasting), left_open)
+
+
+def _unseen_breaks(time_s: Array, found: Estimate, air: Array, bead: FlightChannel) -> Array:
+    """1 or -1 in the rows (n,) at which the vapour jumps or bends up or down and the temperature of the `air`, which
+    the same eddies carry, does no more than it mostly does: the film may have done that by itself."""
+    broken = np.zeros(time_s.shape)
+    around = max(int(round(APART_S / typical_period(time_s))), 1)
+    rows = np.searchsorted(time_s, found.breaks_s)
+    rows = rows[(rows >= around) & (rows < time_s.size - around)]
+    if not rows.size or not bead.screened.usable.any():
+        return broken
+    moved = air[2 * around :] - air[: -2 * around]
+    usual = np.median(moved)
+    moved = np.abs(moved - usual)[rows - around]
+    spread = MAD_TO_SIGMA * float(np.median(np.abs(air[2 * around :] - air[: -2 * around] - usual)))
+    read = np.convolve(bead.screened.usable, np.ones(2 * around + 1), mode="same")[rows] > around
+    alone = rows[(moved < KNOWN_SIGMAS * spread) & read]
+    broken[alone] = np.sign(found.air[alone + around] - found.air[alone - around])
+    return broken
 
 
 def _as_the_film(found: Estimate, vapour: Array, rows: Mask) -> Estimate:

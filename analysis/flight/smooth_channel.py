@@ -69,9 +69,10 @@ def none(count: int) -> Jumps:
     return Jumps(np.zeros((count, 2)), np.full(count, 0.5))
 
 
-def when(track: Track, jumps: Jumps) -> Array:
-    """Times [s] of the jumps of the air itself, not of its slope, and of none that is somewhere in a gap."""
-    jumped = np.pad(jumps.variance[:, 0] > 0.0, 1)
+def when(track: Track, jumps: Jumps, kinks: bool = False) -> Array:
+    """Times [s] of the jumps of the air itself, of its slope as well with `kinks`, and of none that is somewhere in a
+    gap."""
+    jumped = np.pad((jumps.variance[:, : 1 + kinks] > 0.0).any(axis=1), 1)
     nodes = np.flatnonzero(jumped[1:-1] & ~jumped[:-2] & ~jumped[2:])
     return track.time_s[nodes] - (1.0 - jumps.place[nodes]) * track.period_s
 
@@ -443,8 +444,9 @@ class Estimate:
 
     `noise_factor`: fitted over expected noise, one sigma; `cutoff_hz`: of the low-pass, where the method has one;
     `resolved_rate`: angular frequency [1/s] above which the air is not resolved; `amplified`: variance of the reading's
-    noise in an inverse's air; `jumps_s`: times at which the air jumped, where the method looks for them; `own_steps`:
-    by how much the sensor itself reads more from a row on than before it, where the method looks for that.
+    noise in an inverse's air; `jumps_s`: times at which the air jumped, where the method looks for them, and `breaks_s`
+    at which it or its slope did; `own_steps`: by how much the sensor itself reads more from a row on than before it,
+    where the method looks for that.
     """
 
     air: Array
@@ -455,6 +457,7 @@ class Estimate:
     resolved_rate: float = 30.0
     amplified: float = 0.0
     jumps_s: Array = field(default_factory=lambda: np.zeros(0))
+    breaks_s: Array = field(default_factory=lambda: np.zeros(0))
     own_steps: Array = field(default_factory=lambda: np.zeros(0))
 
 
@@ -521,8 +524,16 @@ def estimate(
         rate = min(rate, np.pi * (changes + 1) / float(np.ptp(time_s[usable])))
     own_steps = np.zeros(time_s.shape)
     np.add.at(own_steps, on.row[own != 0.0], own[own != 0.0])
-    found_s = when(track, jumps)
-    return Estimate(air, node_variance, clean, noise_factor, resolved_rate=rate, jumps_s=found_s, own_steps=own_steps)
+    return Estimate(
+        air,
+        node_variance,
+        clean,
+        noise_factor,
+        resolved_rate=rate,
+        jumps_s=when(track, jumps),
+        breaks_s=when(track, jumps, kinks=True),
+        own_steps=own_steps,
+    )
 
 
 @dataclass(frozen=True)

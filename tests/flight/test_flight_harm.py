@@ -627,6 +627,15 @@ def test_a_jump_in_a_long_gap_may_be_as_late_as_the_readings_behind_it_let_be():
     assert np.all(np.sqrt(found.variance)[(time_s > 60.0) & (time_s < 125.0)] > 0.3)
 
 
+def test_a_jump_of_vapour_that_the_temperature_does_not_show_may_be_the_film_itself():
+    """Drops, and a heater once a minute. Before: 80 and 73 % covered. A door, which the temperature shows, is air."""
+    harm = benchmark("flight_harm")
+    covered = {kind: np.mean([harm.score(kind, seed, False)[1]["covered"] for seed in (3780, 3781)])
+               for kind in ("drops on the film", "heated film")}  # fmt: skip
+    assert covered["drops on the film"] > 0.9 and covered["heated film"] > 0.78, covered
+    assert harm.score("door, vapour too", 3780, False)[1]["stated"] < 0.2
+
+
 def test_every_number_whose_sensitivity_is_counted_is_one_of_the_correction():
     sensitivity = benchmark("flight_sensitivity")
     for name in (*sensitivity.SMOOTHER, *sensitivity.CAUSAL):
