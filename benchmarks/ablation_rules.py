@@ -115,7 +115,6 @@ RULES = (
     Rule("begun", "16 candidates are begun; instead: 8", {f"{S}BEGUN_COUNT": 8}),
     Rule("finished", "three are carried to the end; instead: one", {f"{S}FINISHED_COUNT": 1}),
     Rule("starts", "two starts each; instead: one", {f"{S}STARTS_EACH": 1}),
-    Rule("mirror", "a share at its end changes places with the body", {f"{R}mirror": _none}),
     Rule("nudges", "fits from beside where one ended", {f"{R}_nudged": _nothing}),
     Rule("unstuck", "runs stuck before a step are moved", {f"{R}unstuck": _second}),
     # The noise.

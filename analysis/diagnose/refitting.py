@@ -9,16 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.effect import Effect, by_name
+from shockrig.analysis.estimate.effect import Effect
 from shockrig.analysis.estimate.fit import Fit, fit, objective_at
 from shockrig.analysis.estimate.fit_starts import open_starts, plainly_wrong, rough_point, unstuck
 from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.estimate.problem import Problem
-from shockrig.analysis.physics.bodies import BODIES
 
 Array = NDArray[np.float64]
 
-SHARE_OF_RANGE = 0.98  # from which a share stands at the end of its range
 NUDGED_FITS = 3  # from beside where one ended
 
 
@@ -44,25 +42,7 @@ def refit(
         # Starts that were found under a model that is wrong need not be those of this one.
         anew = rough_point(problem, structure, near.choice)
         best = min((best, fit(problem, structure, anew.theta, anew.deviations, iterations)), key=lambda f: f.deviance)
-    mirrored = mirror(problem, best)
-    best = best if mirrored is None else min((best, mirrored), key=lambda f: f.deviance)
     return min((best, *_nudged(problem, best)), key=lambda f: f.deviance)
-
-
-def mirror(problem: Problem, found: Fit) -> Fit | None:
-    """The fit from where a share at the end of its range and the body have changed places; None where none is."""
-    slowest = BODIES[problem.channel.body].held().rate[0]
-    middle = found.log_rates.mean()
-    for effect in found.structure.effects:
-        if not effect.start.mirrors:
-            continue
-        share, tau = (found.choice[f"{effect.id}.{name}"] for name in ("fraction", "time_constant_s"))
-        if share > SHARE_OF_RANGE * effect.parameter("fraction").high:
-            swapped = {"fraction": 1.0 - share, "time_constant_s": float(np.exp(-middle) / slowest)}
-            rates = found.log_rates - middle - np.log(tau * slowest)
-            theta = found.model.start(rates, found.choice | by_name(effect, swapped))
-            return fit(problem, found.structure, theta, found.deviations)
-    return None
 
 
 def rate_shift(effect: Effect, channel: Channel) -> float:
