@@ -65,56 +65,44 @@ def _features(before: Airs, after: Airs) -> Array:
     return np.array([1.0, kelvin, percent, abs(after[1] - before[3])])
 
 
-@dataclass(frozen=True)
-class BetweenRuns:
-    """What lies between the records of two runs: the airs of both, the time between them, the later one's record."""
-
-    before: Airs
-    after: Airs
-    between_s: float
-    record_s: float
-
-    @property
-    def features(self) -> Array:
-        return _features(self.before, self.after)
-
-
 def learn(campaign: Campaign | None) -> Minutes:
     """The bench's minutes from a campaign's own moves; what is usual where it has none."""
     moves = list({} if campaign is None else _moves(campaign.runs).values())
     if not moves:
         return Minutes(USUAL_BETWEEN_RECORDS, 0)
+    features, between_s = (np.array(each) for each in zip(*moves, strict=True))
     # Each coefficient as a multiple of the usual one, drawn towards 1.
-    scaled = np.array([move.features for move in moves]) * USUAL_BETWEEN_RECORDS
+    scaled = features * USUAL_BETWEEN_RECORDS
     # Errors go with the time: a long travel must not drown the rest.
-    size = np.maximum([move.between_s for move in moves], 1.0)[:, None]
+    size = np.maximum(between_s, 1.0)[:, None]
     weights = np.full(USUAL_BETWEEN_RECORDS.size, HOW_SURE / np.sqrt(USUAL_BETWEEN_RECORDS.size))
     design = np.vstack([scaled / size, np.diag(weights)])
     found, _ = nnls(design, np.concatenate([np.ones(len(moves)), weights]))
     return Minutes(found * USUAL_BETWEEN_RECORDS, len(moves))
 
 
-def _moves(runs: Sequence[Run]) -> dict[str, BetweenRuns]:
-    """The moves between records, by the id of the run that each leads to, without those in which the bench stood idle.
+def _moves(runs: Sequence[Run]) -> dict[str, tuple[Array, float]]:
+    """Features of the moves between records and how long each took [s], by the id of the run that it leads to, without
+    those in which the bench stood idle.
 
     It stood idle where another run would have fitted in (lunch, a night): where more than two moves and a record lie
     between two records, a move being what is common in this campaign, and what a slow chamber needs for these airs.
     """
     began_of = [(began, run) for run in runs if (began := _began(run)) is not None]
     timed = sorted(began_of, key=lambda one: (one[0], one[1].id))
-    moves = {}
+    moves = dict[str, tuple[Array, float, float]]()
     for (began, run), (next_, later) in zip(timed, timed[1:], strict=False):
         before, after = airs_of_run(run), airs_of_run(later)
         between_s = next_ - began - recorded_s(run)
         same_session = run.extra.get("session") == later.extra.get("session")
         if before is not None and after is not None and same_session and 0.0 < between_s < LONGEST_BETWEEN_S:
-            moves[later.id] = BetweenRuns(before, after, between_s, recorded_s(later))
+            moves[later.id] = _features(before, after), between_s, recorded_s(later)
     # The lower median, with what is usual: of two that differ the longer one is taken for idle until a third comes.
-    common_s = median_low([USUAL_BETWEEN_RECORDS[0], *(move.between_s for move in moves.values())])
+    common_s = median_low([USUAL_BETWEEN_RECORDS[0], *(between_s for _, between_s, _ in moves.values())])
     return {
-        id_: move
-        for id_, move in moves.items()
-        if move.between_s <= 2.0 * max(common_s, float(move.features @ SLOWEST_BETWEEN_RECORDS)) + move.record_s
+        id_: (features, between_s)
+        for id_, (features, between_s, record_s) in moves.items()
+        if between_s <= 2.0 * max(common_s, float(features @ SLOWEST_BETWEEN_RECORDS)) + record_s
     }
 
 
@@ -140,7 +128,7 @@ def spent_minutes(campaign: Campaign) -> dict[str, float]:
         between_s = float(learnt.coefficients[0])
         airs = None if before is None else airs_of_run(before), airs_of_run(run)
         if run.id in moves:
-            between_s = moves[run.id].between_s
+            _, between_s = moves[run.id]
         elif airs[0] is not None and airs[1] is not None:
             between_s = float(_features(airs[0], airs[1]) @ learnt.coefficients)
         taken[run.id] = (between_s + recorded_s(run)) / 60.0
