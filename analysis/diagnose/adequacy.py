@@ -206,13 +206,18 @@ def _readings(channel: Channel, noise: Noise) -> list[Check]:
     return checks
 
 
+def plateaus_of(time: Array, period_s: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """The readings of a run (n,) before the transfer and at its end."""
+    return time < -2 * period_s, time > 0.67 * time[-1]
+
+
 def plateaus(channel: Channel) -> Iterator[tuple[int, Array, Array]]:
     """Run, times and readings of each plateau, a slow bend taken off."""
     period = channel.sampling_period_s
     for run, ((time, value), air) in enumerate(zip(channel.samples, channel.air, strict=True)):
         if air is not None:
             continue  # there is no plateau in a record that was driven all along
-        for part in (time < -2 * period, time > 0.67 * time[-1]):
+        for part in plateaus_of(time, period):
             t, y = time[part], value[part]
             if y.size >= LEAST_PLATEAU and np.ptp(y) > 0:
                 yield run, t, y - np.polyval(np.polyfit(t, y, 2), t)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import special
 from scipy.optimize import minimize_scalar
 
-from shockrig.analysis.diagnose.adequacy import BURST_SIGMAS, BURSTS, Adequacy, factors, plateaus
+from shockrig.analysis.diagnose.adequacy import BURST_SIGMAS, BURSTS, Adequacy, factors, plateaus, plateaus_of
 from shockrig.analysis.diagnose.grammar import levels
 from shockrig.analysis.estimate.channel import Channel, rebin
 from shockrig.analysis.estimate.noise import estimate_noise
@@ -88,18 +88,16 @@ def without_hum(channel: Channel) -> tuple[Channel, Discovered | None]:
     size = float(np.sqrt(np.median((amplitude**2 - by_noise)[seen])))
     frequency, u = _whole_runs(channel, line_hz, size)
     samples = [
-        (time, value - _swing(time, value, channel.sampling_period_s, frequency)) for time, value in channel.samples
+        (time, value - _swing(time, value, channel.sampling_period_s, frequency)[0]) for time, value in channel.samples
     ]
     quiet = rebin(channel, samples, channel.bin_of, channel.die_samples, 1)
     noise = estimate_noise(quiet, rounding_step(quiet) or channel.quantity.resolution)
-    power, expected = 0.0, 0.0
+    power, expected = float(_amplitudes(pieces, np.array([frequency]))[0].sum()), 0.0
     for piece in pieces:
-        squares, _ = _amplitudes([piece], np.array([frequency]))
         gamma = noise.autocovariance(piece.value.size)
         lag = np.arange(gamma.size)
         weight = np.where(lag == 0, 1.0, 2.0) * (gamma.size - lag)
         usual = float((weight * gamma * np.cos(2.0 * np.pi * frequency * lag * channel.sampling_period_s)).sum())
-        power += float(squares[0, 0])
         expected += 4.0 * max(usual, 1e-300) / piece.value.size**2
     looks = sum(piece.value.size for piece in pieces) / len(pieces)
     chance = float(special.gammaincc(len(pieces), power / expected * len(pieces))) * looks
@@ -123,45 +121,35 @@ def _whole_runs(channel: Channel, frequency_hz: float, size: float) -> tuple[flo
     period_s, spans = channel.sampling_period_s, [time[-1] - time[0] for time, _ in channel.samples]
 
     def left(trial_hz: float) -> float:
-        total = 0.0
-        for time, value in channel.samples:
-            quiet = value - _swing(time, value, period_s, trial_hz)
-            for part in _plateaus_of(time, period_s):
-                z = quiet[part]
-                total += float(((z - np.polyval(np.polyfit(time[part], z, 2), time[part])) ** 2).sum())
-        return total
+        return sum(_swing(time, value, period_s, trial_hz)[1] for time, value in channel.samples)
 
     around = NEAR_TURN / float(np.median(spans))  # where the two plateaus of a run keep step
     ends = (frequency_hz - around, frequency_hz + around)
     found = minimize_scalar(left, bounds=ends, method="bounded", options={"xatol": 1e-7})
-    count = sum(int(part.sum()) for time, _ in channel.samples for part in _plateaus_of(time, period_s))
+    count = sum(int(part.sum()) for time, _ in channel.samples for part in plateaus_of(time, period_s))
     noise = found.fun / max(count, 1)
     # Cramer and Rao over the length of whole runs (Rife and Boorstyn 1974, doi 10.1109/TIT.1974.1055282).
     known = np.pi**2 * size**2 * count * float(np.median(spans)) ** 2 / (6.0 * max(noise, 1e-300))
     return float(found.x), float(1.0 / np.sqrt(known))
 
 
-def _plateaus_of(time: Array, period_s: float) -> list[NDArray[np.bool_]]:
-    """The readings of a run (n,) before the transfer and at its end."""
-    return [part for part in (time < -2 * period_s, time > 0.67 * time[-1]) if part.sum() > LEAST_READINGS]
-
-
-def _swing(time: Array, value: Array, period_s: float, frequency_hz: float) -> Array:
-    """The sinusoid of a frequency in a run's readings (n,), of one size and phase, from its two plateaus."""
-    parts = _plateaus_of(time, period_s)
+def _swing(time: Array, value: Array, period_s: float, frequency_hz: float) -> tuple[Array, float]:
+    """The sinusoid of a frequency in a run's readings (n,), of one size and phase, from its two plateaus; and the
+    square of what it leaves of them with a bend of each."""
+    parts = [part for part in plateaus_of(time, period_s) if part.sum() > LEAST_READINGS]
     if not parts:
-        return np.zeros(time.size)
+        return np.zeros(time.size), 0.0
     turn = 2.0 * np.pi * frequency_hz * time
     swing = np.stack([np.sin(turn), np.cos(turn)], axis=1)
-    columns, rows = [], []
+    columns, rows = [], np.concatenate([value[part] for part in parts])
     for place, part in enumerate(parts):
         t = time[part] - time[part].mean()
         bend = np.zeros((t.size, 3 * len(parts)))
         bend[:, 3 * place : 3 * place + 3] = np.stack([np.ones(t.size), t, t**2], axis=1)
         columns.append(np.hstack([swing[part], bend]))
-        rows.append(value[part])
-    both, *_ = np.linalg.lstsq(np.vstack(columns), np.concatenate(rows), rcond=None)
-    return np.asarray(swing @ both[:2])
+    design = np.vstack(columns)
+    both, *_ = np.linalg.lstsq(design, rows, rcond=None)
+    return np.asarray(swing @ both[:2]), float(((rows - design @ both) ** 2).sum())
 
 
 def _spread(values: Array) -> float:
