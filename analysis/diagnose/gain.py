@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
 from scipy.special import stdtrit
 
 from shockrig.analysis.diagnose.search import Rated
@@ -29,8 +30,6 @@ from shockrig.analysis.physics.chain import at_jump, evaluate
 Array = NDArray[np.float64]
 
 # Where runs that a model was not fitted to began, and their airs: as fits best within what is stated of them.
-#
-# What stands at a limit stays there, and the rest of the run is placed anew beside it.
 
 PLACED_WITHIN = 2.0  # standard uncertainties
 FREE_LIMIT = 10.0  # likewise, of what nobody recorded
@@ -106,22 +105,12 @@ def _within(problem: Problem, found: Fit, deviations: Array, limit: Array) -> Ar
 
 
 def _bounded_step(arrow: Arrow, left: Array, here: Array, low: Array, high: Array) -> Array:
-    """Random effects (R, U) that leave least within their limits, to first order: what would leave them is held there
-    and the rest solved again, until nothing more does.
-    """
-    pull = (arrow.run_jacobian.transpose(0, 2, 1) @ left[..., None])[..., 0] - arrow.weight * here
-    step, held = np.zeros_like(here), np.zeros(here.shape, dtype=bool)
-    for _ in range(here.shape[1] + 1):
-        free = ~held
-        among = arrow.blocks * (free[:, :, None] & free[:, None, :]) + np.eye(here.shape[1]) * held[:, :, None]
-        right = np.where(held, step, pull - (arrow.blocks @ np.where(held, step, 0.0)[..., None])[..., 0])
-        step = np.asarray(np.linalg.solve(among, right[..., None])[..., 0])
-        beyond = free & ((here + step < low) | (here + step > high))
-        if not beyond.any():
-            break
-        held |= beyond
-        step = np.clip(here + step, low, high) - here
-    return np.clip(here + step, low, high)
+    """Random effects (R, U) that leave least within their limits, to first order."""
+    root = np.sqrt(arrow.weight)
+    jacobian = np.concatenate([arrow.run_jacobian, root[:, :, None] * np.eye(here.shape[1])], axis=1)
+    rest = np.concatenate([left, -root * here], axis=1)
+    runs = zip(jacobian, rest, low - here, high - here, strict=True)
+    return here + np.array([lsq_linear(j, r, (least, most), method="bvls").x for j, r, least, most in runs])
 
 
 FOLDS = 3
