@@ -72,7 +72,7 @@ def outcomes(path: Path, seen: Sequence[Campaign], say: Callable[[str], None]) -
     """
     from shockrig.analysis.diagnose.diagnosed import read_outcome
     from shockrig.analysis.estimate.quantity import QUANTITIES
-    from shockrig.analysis.plan.goals import place_of
+    from shockrig.files.campaign_names import sensor_name
 
     found: dict[Place, ChannelOutcome] = {}
     for campaign in seen:
@@ -80,7 +80,7 @@ def outcomes(path: Path, seen: Sequence[Campaign], say: Callable[[str], None]) -
         for file, stated in _of(path, campaign):
             why = outdated(stated, campaign)
             taken = {
-                place_of(name, campaign.probe): one
+                sensor_name(name, campaign.probe): one
                 for name in QUANTITIES
                 if not why and (channel := stated.channels.get(name)) is not None
                 and (one := read_outcome(channel.verdict, channel.extra.get("explanations"), name)) is not None

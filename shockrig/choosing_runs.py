@@ -147,7 +147,8 @@ def _planned(
     from shockrig.analysis.diagnose.diagnosed import outcome_of
     from shockrig.analysis.plan.decide import decide
     from shockrig.analysis.plan.decision import plan_document
-    from shockrig.analysis.plan.goals import QUANTITY_OF, parse_goals, place_of
+    from shockrig.analysis.plan.goals import QUANTITY_OF, parse_goals
+    from shockrig.files.campaign_names import sensor_name
     from shockrig.protocols.made_before import outcomes
 
     with as_python():
@@ -164,11 +165,11 @@ def _planned(
         made: dict[Place, ChannelOutcome] = {}
         advice: list[str] = []
         if diagnosed is not None:
-            made = {place_of(one.name, campaign.probe): outcome_of(one) for one in diagnosed.result.channels}
+            made = {sensor_name(one.name, campaign.probe): outcome_of(one) for one in diagnosed.result.channels}
             advice = next_time([one.problem.channel for one in diagnosed.result.channels if one.name in wanted])
         elif campaign.path.is_dir():
             made = outcomes(campaign.path, [campaign], say)
-        made = {place: one for place, one in made.items() if place in {place_of(n, campaign.probe) for n in wanted}}
+        made = {place: one for place, one in made.items() if place in {sensor_name(n, campaign.probe) for n in wanted}}
         population = None if fleet is None else fleet_given(fleet).population
         decision = decide(only(campaign, wanted), goals, count=runs, made=made, population=population, progress=say)
     document = plan_document(decision, goals)

@@ -97,11 +97,6 @@ def outcome_of(found: ChannelDiagnosis) -> ChannelOutcome:
     )
 
 
-def outcome_document(outcome: ChannelOutcome) -> dict[str, Any]:
-    """It as diagnosis.json has it."""
-    return dict(plain({key: value for key, value in vars(outcome).items() if key != "verdict"}))
-
-
 def read_outcome(verdict: str | None, said: object, name: ChannelName) -> ChannelOutcome | None:
     """It from diagnosis.json; None where the file does not have it, or has effects that this version has not."""
     try:
@@ -243,7 +238,7 @@ def _channel(channel: ChannelDiagnosis) -> StatedChannel:
             "work": {"fits": channel.search.fits, "ended_early": channel.search.ended_early},
             "models": weighed(channel),
             "predicting": sorted(channel.predicting.model.ids),
-            "explanations": outcome_document(outcome_of(channel)),
+            "explanations": plain({k: value for k, value in vars(outcome_of(channel)).items() if k != "verdict"}),
             "discrepancy_of_step": channel.search.best.score.discrepancy,
             "tried": [{"effect": tried.effect, "why_not": tried.why} for tried in channel.tried],
         },

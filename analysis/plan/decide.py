@@ -45,13 +45,14 @@ from shockrig.analysis.plan.decision import (
 )
 from shockrig.analysis.plan.designs import Designs, menu_of
 from shockrig.analysis.plan.evidence import OLD_RUNS_POWER, REJECTED_FROM, student
-from shockrig.analysis.plan.goals import QUANTITY_OF, Goals, Place, place_of, places
+from shockrig.analysis.plan.goals import QUANTITY_OF, Goals, Place, places
 from shockrig.analysis.plan.information import nats
 from shockrig.analysis.plan.judged import ChannelLook, Verdict, diagnosed, extended, look_at
 from shockrig.analysis.plan.minutes import learn, spent_minutes
 from shockrig.analysis.plan.precision import Target, gained_by, measured, targets
 from shockrig.analysis.plan.varied import shock_of, usual_of, variety
 from shockrig.files.campaign import Campaign
+from shockrig.files.campaign_names import sensor_name
 from shockrig.files.errors import InputError
 from shockrig.files.fleet_file import Population
 
@@ -362,7 +363,7 @@ def _measured(campaigns: Sequence[Campaign], verdicts: Mapping[Place, Verdict]) 
 
 def _carried(campaigns: Sequence[Campaign], verdicts: Mapping[Place, Verdict]) -> dict[str, Any]:
     """The models of each probe, with what is named of it."""
-    return {one.probe: extended({n: verdicts[place_of(n, one.probe)] for n in looked_for(one)}) for one in campaigns}
+    return {one.probe: extended({n: verdicts[sensor_name(n, one.probe)] for n in looked_for(one)}) for one in campaigns}
 
 
 def _with_fleet(found: Found, population: Population | None, progress: Progress) -> dict[str, WithFleet]:

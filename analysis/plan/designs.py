@@ -158,25 +158,21 @@ def menu_of(
     allowed: Callable[[PlannedShock], bool],
 ) -> tuple[PlannedShock, ...]:
     """Runs that could be made for some goals, from what is known so far."""
-    dwells = _Dwells(found)
+    dwells = partial(_dwell_s, found)
     menu = precision_menu(goals.ambients_c, usual, dwells)
     if goals.ties:
         menu += deciding_menu(_deciding_ambients(looks), usual, dwells)
     return tuple(dict.fromkeys(s for s in menu if allowed(s)))
 
 
-class _Dwells:
+def _dwell_s(found: Mapping[str, Characterization | None], ambient_c: float, isothermal: bool) -> float:
     """How long a record after the transfer has to be, from the response times of the slowest probe so far."""
-
-    def __init__(self, found: Mapping[str, Characterization | None]):
-        self._channels = [one.channels() for one in found.values() if one is not None]
-
-    def __call__(self, ambient_c: float, isothermal: bool) -> float:
-        name: ChannelName = "humidity" if isothermal else "temperature"
-        slowest = max((_t63_s(own[name], name, ambient_c) for own in self._channels if name in own), default=None)
-        if slowest is None:
-            return LONG_S
-        return float(np.clip((ENOUGH_T63 if isothermal else ENOUGH_BEAD_T63) * slowest, SHORTEST_S, LONGEST_S))
+    name: ChannelName = "humidity" if isothermal else "temperature"
+    own = [one.channels()[name] for one in found.values() if one is not None and name in one.channels()]
+    if not own:
+        return LONG_S
+    slowest = max(_t63_s(one, name, ambient_c) for one in own)
+    return float(np.clip((ENOUGH_T63 if isothermal else ENOUGH_BEAD_T63) * slowest, SHORTEST_S, LONGEST_S))
 
 
 def _t63_s(result: ChannelResult, name: ChannelName, ambient_c: float) -> float:

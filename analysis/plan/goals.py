@@ -18,14 +18,9 @@ from shockrig.files.errors import InputError
 Place = str
 
 
-def place_of(channel: ChannelName, probe: str) -> Place:
-    """The name of a probe's channel, made as those of sensors are."""
-    return sensor_name(channel, probe)
-
-
 def places(campaigns: Iterable[Campaign]) -> dict[Place, tuple[Campaign, ChannelName]]:
     """Every channel that some probes have, by name: the campaign as its probe saw it, and which channel of it."""
-    return {place_of(name, one.probe): (one, name) for one in campaigns for name in looked_for(one)}
+    return {sensor_name(name, one.probe): (one, name) for one in campaigns for name in looked_for(one)}
 
 
 QUANTITY_OF: dict[str, tuple[ChannelName, ...]] = {

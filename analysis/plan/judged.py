@@ -150,14 +150,6 @@ def spending(look: int) -> float:
     return 1.0 / (look * (look + 1.0))
 
 
-def tie_level(look: int) -> float:
-    """Difference in deviance (twice that in nats) above which explanations are not tied at a look.
-
-    The odds of a wrong choice, summed over all looks, stay below the rate of false alarms.
-    """
-    return 2.0 * float(np.log(1.0 / (FALSE_ALARMS * spending(look))))
-
-
 def look_at(
     campaign: Campaign,
     name: ChannelName,
@@ -284,7 +276,9 @@ def _possible(found: ChannelOutcome, look: int) -> list[Explanation]:
     """The explanation that a diagnosis ends with, and those that it is tied with at this look: models that lack a part
     of it, whether or not something else stands there, and predict unseen runs nearly as well, or all but a few of them,
     which may be the odd ones."""
-    close = [one for one in found.near if one.tied or one.nats > -0.5 * tie_level(look)]
+    # The odds of a wrong choice, summed over all looks, stay below the rate of false alarms.
+    least = float(np.log(FALSE_ALARMS * spending(look)))
+    close = [one for one in found.near if one.tied or one.nats > least]
     # Of what holds more, the heaviest is tied with a model that is not likely enough by itself.
     unsure = found.weight < level("named")
     more = [one for one in close if one.tied and one.nats > 0.0][: int(unsure)]
