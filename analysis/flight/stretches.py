@@ -318,7 +318,9 @@ def _elsewhere(
     elsewhere, without = _between(left, values[left - 1], values[left], refuted[alone], values, swing, goes_on[alone])
     away |= elsewhere
     alone[alone] = without
-    alone &= refuted & ~maximum_filter1d(stuck, 3)[sudden]
+    # where a sensor was stuck it had been, and air does not go so far
+    goes_on = maximum_filter1d(stuck, 3)[sudden] & (size[sudden - 1] <= FARTHEST_SWINGS * swing)
+    alone &= refuted & ~goes_on
     # medians on either side: beside noise, and where a jump is met halfway
     calm = median_filter(values, 3, mode="nearest")
     before, after = calm[:-3], calm[3:]  # of the rows from the second

@@ -762,6 +762,16 @@ def test_a_stretch_in_fahrenheit_is_told_by_its_ends_whatever_lies_between():
     assert not found.implausible[1130:].any()
 
 
+def test_a_code_that_stands_up_to_a_jump_that_no_air_makes_is_no_sensor_that_is_stuck():
+    """111 degC at the log's beginning, behind it 14 degC: a stuck sensor goes on from where it was. Before: a ceiling,
+    with readings there or above."""
+    rows = np.arange(1200)
+    reading = 14.0 - 0.001 * rows + 0.02 * np.random.default_rng(7).standard_normal(rows.size)
+    reading = np.where(rows < 160, 111.1, np.round(reading, 2))
+    found = screen(0.1 * rows, reading, RANGES["temperature_c"], 0.02, share=0.3, swing=30.0)
+    assert np.array_equal(found.implausible, rows < 160)
+
+
 def test_the_first_and_last_steps_of_a_burst_are_its_own():
     """A window's median may see neither; behind a lag no air makes them. Before: two rows of calm noise beside it."""
     rng = np.random.default_rng(3)
