@@ -10,7 +10,7 @@ it predicts. A set of one run has no held-out error: there the rivals' error is 
 
 `--logs` is a folder with the two sets as they were published; `data/real`, taken otherwise, holds thinned parts.
 `--cache` judges other sets in their place, from logs that this project does not hold (`real_cache_sets.py`
-and, for the third to the tenth group, `real_third_sets.py` to `real_tenth_sets.py` say which).
+and, for the third to the eleventh group, `real_third_sets.py` to `real_eleventh_sets.py` say which).
 """
 
 from __future__ import annotations
@@ -151,6 +151,7 @@ def report(real, r: dict) -> list[str]:
 def main(argv: list[str] | None = None) -> int:
     from real_cache_sets import cached_sets
     from real_eighth_sets import eighth_sets
+    from real_eleventh_sets import eleventh_sets
     from real_fifth_sets import fifth_sets
     from real_fourth_sets import fourth_sets
     from real_ninth_sets import ninth_sets
@@ -184,7 +185,7 @@ def main(argv: list[str] | None = None) -> int:
     worse = behind = 0
     groups = (
         *(cached_sets, third_sets, fourth_sets, fifth_sets, sixth_sets),
-        *(seventh_sets, eighth_sets, ninth_sets, tenth_sets),
+        *(seventh_sets, eighth_sets, ninth_sets, tenth_sets, eleventh_sets),
     )
     cached = [real for group in groups for real in group()]
     sets, logs = (cached, args.cache) if args.cache else (real_sets(), args.logs)
