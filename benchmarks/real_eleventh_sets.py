@@ -20,9 +20,9 @@ Each file lies in a cache as published, at DIR/OWNER/NAME/PATH of its repository
 
 Cuts follow the files' phases, the routines that the authors state for the gases, and the rows that they name as the
 fridge. Where none tells it, they follow what a plot shows: when the laser sees methane come or go, when the humid air
-was changed, when the jar was put into hot water and was hottest, and the coldest reading in the fridge. Of the thermometers
-brought into the box, the first minutes of each log are taken but of one, in which that comes later. What is no
-temperature goes as a humidity, scaled into its range.
+was changed, when the jar was put into hot water and was hottest, and the coldest reading in the fridge. Of the
+thermometers brought into the box, the first minutes of each log are taken but of one, in which that comes later. What
+is no temperature goes as a humidity, scaled into its range.
 """
 
 from __future__ import annotations
