@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, median_filter
+from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 from scipy.special import bdtrc
 
 from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
@@ -561,10 +561,12 @@ def _lone(values: Array, again: Mask, of_air: Mask, noise: float, resolution: fl
         on_the_way = np.ones(values.size, dtype=bool)
         on_the_way[left] = (step[:-1] * step[1:] > 0.0) & (off[left] <= LONE_SIGMAS * np.hypot(noise, resolution))
         suspect &= ~on_the_way
-        # one that was on the way to those that are out may stand alone now: readings go to it and all the way back
+        # one that was on the way to the only one around that is out may stand alone now: readings go to it and all the
+        # way back; where more are out it is a burst, of which what is left is noise
         back = np.minimum(np.abs(step[:-1]), np.abs(step[1:])) > (1.0 - ON_THE_WAY) * off[left]
         peak = back & (step[:-1] * step[1:] < 0.0)
-        suspect[left] |= peak & maximum_filter1d(lone, 3)[left] & (~of_air & _unusual(off, noise, resolution))[left]
+        beside = maximum_filter1d(lone, 3) & (uniform_filter1d(1.0 * lone, MEDIAN_WIDTH) < 1.5 / MEDIAN_WIDTH)
+        suspect[left] |= peak & (beside & ~of_air & _unusual(off, noise, resolution))[left]
     # one between two of them that is as far off goes with them, but not a level that readings stay on
     between = np.pad(lone, 1)[:-2] & np.pad(lone, 1)[2:] & ~lone & ~again
     return np.asarray(lone | (between & (sizes[0] < WORST_SHARE * off)))

@@ -144,6 +144,7 @@ def _own_places(
     size = np.abs(pull) / max(MAD_TO_SIGMA * float(np.median(np.abs(pull[read]))), np.finfo(float).tiny)
     near = maximum_filter1d(stepped.astype(int), 2 * LOOK_BACK + 1) > 0
     largest = maximum_filter1d(size, 2 * LOOK_BACK + 1, mode="nearest")
+    largest[0] = np.inf  # before the first node is nothing that it could step from
     places = np.flatnonzero((size > JUMP_SIGMAS) & (size >= largest) & read & ~near)
     return places if places.size <= MOST_JUMPS else places[:0]
 

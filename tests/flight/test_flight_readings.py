@@ -674,6 +674,12 @@ def test_a_step_of_the_sensor_that_stays_in_its_readings_is_looked_for_once():
     assert "raised" not in found and found["humidity_percent"]["ours"] < found["humidity_percent"]["reading"]
 
 
+def test_no_sensor_steps_at_its_first_reading():
+    """Of exchanged columns whose first rows are off. Before: a traceback, since there is no reading before."""
+    fuzz = benchmark("fuzz_flights")
+    assert "raised" not in fuzz.judged(300436, list(fuzz.DAMAGE))
+
+
 def test_a_film_back_within_its_table_remembers_where_it_stood_beyond_it():
     """What it was there is not known. Before: 12 %RH from the reading, stated to 0.5, in the first row of the table."""
     fuzz = benchmark("fuzz_flights")
@@ -747,6 +753,14 @@ def test_absurd_readings_among_steps_and_beside_one_another_stand_alone():
         reading[[40, 72, 151, 152]] = -35.25, 37.5, 51.75, 39.25
         found = screen(1.0 * rows, reading, RANGES["temperature_c"], 0.02, share=0.98, swing=30.0)
         assert np.array_equal(np.flatnonzero(found.implausible), [40, 72, 151, 152])
+
+
+def test_a_burst_is_not_thrown_out_reading_by_reading():
+    """Where more than one is out, those beside it are noise as well, and count as that. Before: all of a burst at 1 Hz
+    but one reading was thrown out, and that one was certain."""
+    fuzz = benchmark("fuzz_flights")
+    found = fuzz.judged(199524, list(fuzz.DAMAGE))["temperature_c"]
+    assert found["outside"] == 0 and found["ours"] < 0.5 * found["reading"], found
 
 
 def test_a_stretch_in_fahrenheit_is_told_by_its_ends_whatever_lies_between():
