@@ -116,6 +116,8 @@ def own_changes(raw: Array, screened: Screened, around: Screened, least: float |
 def with_own_steps(screened: Screened, found: Estimate, unit: Array) -> Screened | None:
     """The screened readings with the steps of the sensor's own that a method found, in the readings' `unit` (n,); None
     where it found none but those that are known: what is not taken out of the readings is found again."""
+    if not found.own_steps.any():  # nor are there any of a method that looks for none
+        return None
     more = (found.own_steps != 0.0) & (np.asarray(screened.own_steps) == 0.0)
     if not more.any():
         return None
