@@ -77,19 +77,20 @@ def _in_doubt(
         return row
     fits = (*(one.fit for one in rivals), *wider)
     stated, others = row.response, [response_time(channel, one, ambient) for one in fits]
-    times = np.array([[r.t63_s, r.t90_s, r.t98_s] for r in (stated, *others)])
-    apart = np.log(times[1:] / times[0]) ** 2
+    # Moments about what is stated, each number's own: a time to 63 % that is twenty times another's is no share of it.
+    told = np.array([[r.t63_s, r.t90_s, r.t98_s, 1.0 / r.t63_s] for r in (stated, *others)])
+    apart = (told[1:] - told[0]) ** 2
     weight = np.array([search.weight(one) for one in (own, *rivals)])
     away = np.sqrt(weight[1:] @ apart[: len(rivals)] / weight.sum())
     away = np.maximum(away, np.sqrt(apart[len(rivals) :].max(axis=0, initial=0.0)))
     if shown is not None:  # a shape that no other run has borne out is as sure as it agrees with the readings
-        away = np.maximum(away, np.abs(np.log(np.array([*shown, shown[1]]) / [*times[0, :2], times[0, 1]])))
+        t63, t90 = shown
+        away = np.maximum(away, np.abs(np.array([t63, t90, t90 * told[0, 2] / told[0, 1], 1.0 / t63]) - told[0]))
     sure = np.array([r.standard_uncertainties_s or (0.0, 0.0, 0.0) for r in (stated, *others[len(rivals) :])])
-    uncertain = np.hypot(sure.max(axis=0), times[0] * away)
-    first, second, third = (float(u) for u in uncertain)
+    first, second, third = (float(u) for u in np.hypot(sure.max(axis=0), away[:3]))
     return replace(
         row,
-        standard_uncertainty=float(np.hypot(row.standard_uncertainty, row.diffusivity_m2_s * away[0])),
+        standard_uncertainty=float(np.hypot(row.standard_uncertainty, row.diffusivity_m2_s * away[3] * stated.t63_s)),
         response=replace(stated, standard_uncertainties_s=(first, second, third)),
     )
 
