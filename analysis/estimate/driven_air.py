@@ -80,7 +80,7 @@ class Followed:
     excess : float
         By how much the sensor was off its own settled reading when the record began; 0 where it had settled.
     excess_uncertainty : float
-        Its standard uncertainty: a rough one's is all of it.
+        Its standard uncertainty: a rough one's is all of it, and all that the first readings are off the air may be it.
     """
 
     time_s: Array
@@ -120,12 +120,12 @@ def follow(time_s: Array, value: Array, air_time_s: Array, air: Array, resolutio
     taus = near * np.geomspace(taus[0] / taus[1], taus[1] / taus[0], LAGS_TRIED // 2)
     _, tau, (offset, *_), shown = min((tried(tau) for tau in taus), key=lambda t: t[0])
     early = time_s <= max(time_s[0] + EARLY_SHARE * tau, time_s[min(2, time_s.size - 1)])
-    excess = float(np.mean(value[early] - np.interp(time_s[early], air_time_s, air))) - float(offset)
-    excess /= float(np.mean(np.exp((time_s[0] - time_s[early]) / tau)))
+    apart = float(np.mean(value[early] - np.interp(time_s[early], air_time_s, air)))
+    excess = (apart - float(offset)) / float(np.mean(np.exp((time_s[0] - time_s[early]) / tau)))
     least = max(UNSETTLED_NOISE * noise, UNSETTLED_SHARE * float(np.ptp(value)))
     if not _forgets(excess, grid - grid[0], driving, reading, tau, least):
         excess = 0.0
-    return Followed(grid, np.abs(driving - shown), tau, noise, excess, max(abs(excess), least))
+    return Followed(grid, np.abs(driving - shown), tau, noise, excess, max(abs(excess), abs(apart), least))
 
 
 def _forgets(excess: float, since_s: Array, air: Array, reading: Array, tau: float, least: float) -> bool:

@@ -54,6 +54,16 @@ def test_two_calibrations_that_differ_are_no_initial_state(seed):
     assert follow(time, reading, time, air, 0.01).excess == 0.0
 
 
+def test_a_reading_that_begins_far_from_the_air_may_have_settled_to_another():
+    """A third of it follows the air and the rest a room: it loses nothing at first, and a model that ends in the air
+    has to be free to begin where the readings do."""
+    time = np.arange(0.0, 4000.0, PERIOD_S)
+    reading = 22.0 + (lagged(time, 0.0) - FROM_C) / 3.0
+    found = follow(time, reading, time, stepping_air(time) + 50.0 * (time < STEP_AT_S), 0.01)
+    assert found.excess == 0.0
+    assert found.excess_uncertainty == pytest.approx(FROM_C + 50.0 - 22.0, rel=0.02)
+
+
 def test_an_initial_state_drives_the_body_as_the_air_before_the_record():
     time = np.arange(0.0, 4000.0, PERIOD_S)
     air = begun_unsettled(
