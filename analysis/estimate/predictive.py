@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.fit import Fit, fit, linearise, rmse_over_samples
 from shockrig.analysis.estimate.problem import Problem
+from shockrig.analysis.estimate.quantity import RunEffect
 
 Array = NDArray[np.float64]
 
@@ -209,14 +210,19 @@ def _summed(values: Array, place: NDArray[np.int64], count: int) -> Array:
 
 
 def score(problem: Problem, found: Fit, bump: Array, blocks: NDArray[np.int64] | None = None) -> Score:
-    """A fit's score, under the discrepancy that makes it best."""
+    """A fit's score, under the discrepancy that makes it best, and the scatter of the runs' rates that does.
+
+    A fit knows of no discrepancy, and lets rates scatter to do what one does: it is scored by the usual scatter too.
+    """
     g = gram(problem, found, bump)
-    tried = densities(g, DISCREPANCIES, blocks)
+    usual = g.own.copy()
+    usual[:, RunEffect.RATE] = np.minimum(usual[:, RunEffect.RATE], problem.rate_scatter**2)
+    tried = np.concatenate([densities(replace(g, own=own), DISCREPANCIES, blocks) for own in (g.own, usual)])
     # A fit that led to no number predicts nothing.
     totals = [total if np.isfinite(total := float(one.sum())) else -np.inf for one in tried]
     best = int(np.argmax(totals))
     runs = tried[best] if np.isfinite(totals[best]) else np.full(tried[best].shape, -HOPELESS_NATS)
-    return Score(runs, float(DISCREPANCIES[best]))
+    return Score(runs, float(DISCREPANCIES[best % DISCREPANCIES.size]))
 
 
 def weights(densities_of: Sequence[Array], log_prior: Sequence[float], draws: int = 1000, seed: int = 26) -> Array:
