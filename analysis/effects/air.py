@@ -129,6 +129,15 @@ def _unmeasured_both_ways(channel: Channel) -> bool:
     return unknown and _both(cools(channel))
 
 
+# Between two unmeasured places one difference can be told. A second one is a lag of the sensor's own under another name:
+# an air that is late both ways lags no otherwise than a sensor that follows at two rates behind a housing.
+OF_TWO_PLACES = ("direction_dependent_exchange", "slow_air_in_cooling", "slow_air_in_warming")
+
+
+def _alone(id_: str) -> Candidacy:
+    return Candidacy(shape=True, excludes=frozenset(OF_TWO_PLACES) - {id_})
+
+
 def _late_air(id_: str, when: str, those: Callable[[Recorded], Mask]) -> Effect:
     return Effect(
         id=id_,
@@ -150,7 +159,7 @@ def _late_air(id_: str, when: str, those: Callable[[Recorded], Mask]) -> Effect:
         ),
         needs=Needs(BOTH_WAYS, _unmeasured_both_ways),
         start=Start(own_rates=True),
-        candidacy=Candidacy(shape=True),
+        candidacy=_alone(id_),
     )
 
 
@@ -174,7 +183,7 @@ TWO_PLACES = (
         ),
         needs=Needs(BOTH_WAYS, _unmeasured_both_ways),
         start=Start(from_data=as_fast_as_seen("ratio", cools, 0.02, 50.0), own_rates=True),
-        candidacy=Candidacy(shape=True),
+        candidacy=_alone("direction_dependent_exchange"),
     ),
     Effect(
         id="other_medium",
