@@ -539,6 +539,8 @@ def search(
     law = race.with_one(plain, forms)
     whole = law.value > race.with_one(plain, entries).value and race.with_one(law, among) is law
     named = race.grown(plain, entries, A_PAIR if whole else MOST_EFFECTS)
+    if not whole:
+        named = max(named, _from_runner_up(race, named, entries), key=_value)
     if earlier:
         named = max(named, race.grown(_resumed(race, plain, earlier), entries), key=_value)
     best = law if whole and law.value > named.value else max(law, race.with_one(named, forms), key=_value)
@@ -553,6 +555,14 @@ def search(
         for effect in sorted(named.ids - race.fixed):
             race.forward(race.without(named, effect), forms)
     return _weighed(race, plain)
+
+
+def _from_runner_up(race: Race, named: Rated, entries: Sequence[Candidate]) -> Rated:
+    """A model grown from the best single effect that another one has not: what gains most alone need not be one of two
+    that gain most together."""
+    alone = [race.pool.get(race.fixed | {one.effect.id}) for one in entries if one.effect.id not in named.ids]
+    begins = [one for one in alone if one is not None]
+    return race.grown(max(begins, key=_value), entries) if begins and named.ids > race.fixed else named
 
 
 def _carried(found: Fit, structure: Structure, effect: Effect, other: Candidate) -> Array:
