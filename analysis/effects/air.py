@@ -129,8 +129,8 @@ def _unmeasured_both_ways(channel: Channel) -> bool:
     return unknown and _both(cools(channel))
 
 
-# Between two unmeasured places one difference can be told. A second one is a lag of the sensor's own under another name:
-# an air that is late both ways lags no otherwise than a sensor that follows at two rates behind a housing.
+# Between two unmeasured places one difference can be told. A second one is a lag of the sensor's own by another name:
+# air that is late both ways lags as a sensor does that follows at two rates behind a housing.
 OF_TWO_PLACES = ("direction_dependent_exchange", "slow_air_in_cooling", "slow_air_in_warming")
 
 

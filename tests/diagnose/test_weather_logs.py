@@ -19,6 +19,15 @@ def test_a_weather_sensors_log_gives_its_response_and_no_false_name():
     assert one["failed"] == {}
 
 
+@pytest.mark.trial
+def test_a_box_before_a_fan_is_no_air_that_is_late_both_ways():
+    """A late air and another rate in one of two places, together, are a lag of the sensor's own by another name."""
+    one = benchmark("weather_logs").trial(802)
+    t63_s, uncertainty_s = one["t63"]
+    assert abs(t63_s - one["t63_s"]) < min(2.0 * uncertainty_s, 0.1 * one["t63_s"])
+    assert "series_lag" in one["named"]["temperature"] and one["wrong"] == []
+
+
 def test_the_truth_is_that_of_two_lags():
     """As one of them vanishes, 63 % are reached after the other's time constant."""
     trials = benchmark("weather_logs")

@@ -25,6 +25,7 @@ from shockrig.analysis.estimate.predictive import (
     weights,
 )
 from shockrig.analysis.estimate.problem import make_problem
+from shockrig.analysis.estimate.quantity import RunEffect
 from shockrig.files.campaign import read_campaign
 
 RUNS, READINGS, PARAMETERS, OWN, BUMPS = 5, 9, 3, 2, 4
@@ -120,6 +121,20 @@ def test_a_score_is_the_best_over_what_a_model_may_be_wrong_by(fitted):
     tried = [float(densities(g, np.array([sigma])).sum()) for sigma in DISCREPANCIES]
     assert rated.total == pytest.approx(max(tried)) and rated.discrepancy == DISCREPANCIES[np.argmax(tried)]
     assert rated.runs.shape == (6,)
+
+
+def test_a_fit_that_lets_rates_scatter_is_scored_by_the_usual_scatter_as_well(fitted):
+    """Runs that do not differ are predicted worse where rates may differ by a tenth: that is no part of the model."""
+    problem, found, bump = fitted
+
+    def spread(by):
+        weight = found.arrow.weight.copy()
+        weight[:, RunEffect.RATE] = 1.0 / by**2
+        return replace(found, arrow=replace(found.arrow, weight=weight))
+
+    wide, usual = spread(0.1), score(problem, spread(problem.rate_scatter), bump)
+    assert densities(gram(problem, wide, bump), DISCREPANCIES).sum(axis=1).max() < usual.total - 3.0
+    assert score(problem, wide, bump).total == pytest.approx(usual.total)
 
 
 def test_parameters_are_as_uncertain_as_what_the_model_is_wrong_by_moves_them(fitted):
