@@ -181,7 +181,7 @@ def unseen(channel: Channel) -> list[dict[str, Any]]:
 def _usual(channel: Channel) -> Usual:
     """What the campaign's runs usually have."""
     c = channel.conditions
-    airs = [*c.source_c, *c.destination_c]
+    airs = np.round([*c.source_c, *c.destination_c], 1)  # as those of the menu are
     return Usual(
         airflow_m_s=round(float(np.median(c.airflow_m_s)), 2),
         pressure_hpa=round(float(np.median(c.pressure_hpa)), 2),

@@ -499,6 +499,8 @@ def _as_before(
         after = slice(first, min(until + rows, value.size))
         unsure[after] = np.maximum(unsure[after], lagging[after])
         behind = until
+        if until == first:  # it went no farther that way than it was before
+            continue
         until_s = readings.time_s[min(until, value.size - 1)]
         why = (
             "as behind its lag no air makes it: the sensor was wet, or is faster than the profile says"

@@ -6,17 +6,22 @@ import numpy as np
 import pytest
 from foreign_lab import Arrival, Lab, LabLogger, LabRun, Written, make_body, record
 from foreign_worlds import draw
+from small_worlds import record as record_small
 
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.experiments import propose, separations
-from shockrig.analysis.diagnose.refitting import refit
+from shockrig.analysis.diagnose.refitting import plain_fit, refit
 from shockrig.analysis.diagnose.shock import PlannedShock
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.channel import FINE_BIN_WIDTHS, edges_after_transfer, fine_width
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import PLAIN, Model, Structure
+from shockrig.analysis.estimate.noise import estimate_noise, whiteners
+from shockrig.analysis.estimate.problem import make_problem
 from shockrig.analysis.physics import readings
 from shockrig.files.campaign import read_campaign
+from shockrig.rig.seams import Air
+from shockrig.rig.virtual.plans import Shock
 
 
 @pytest.mark.parametrize(
@@ -56,6 +61,17 @@ def test_what_its_reference_is_off_by_in_all_runs_is_not_the_sensor_s(tmp_path):
     rival = refit(found.problem, Structure((CATALOGUE["series_lag"],)), found.final)
     assert propose(found.problem, found.noise, [(found.final, rival)])
     assert separations(found.problem, found.noise, found.final, rival, [PlannedShock(40.0, 18.0, 20.0, 55.0)]) >= 0.0
+
+
+def test_runs_are_asked_for_in_a_chamber_that_is_colder_than_its_rounded_air(tmp_path):
+    """-19.96 degC, which is -20.0 in the menu. Before: no run of it was within the campaign's airs, and a traceback."""
+    cold = [Shock(f"{i:04d}", Air(-19.96, 20.0), Air(-19.96, 80.0), flow) for i, flow in enumerate((3.0, 6.0, 12.0), 1)]
+    channel = build_channel(record_small(tmp_path / "campaign", 3, plan=cold), "humidity")
+    noise = estimate_noise(channel, 0.1)
+    problem = make_problem(channel, whiteners(channel, noise))
+    plain = plain_fit(problem, PLAIN)
+    asked = propose(problem, noise, [(plain, refit(problem, Structure((CATALOGUE["series_lag"],)), plain))])
+    assert asked and all(run["destination"]["temperature_c"] == -20.0 for run in asked)
 
 
 def test_runs_beside_a_reference_and_runs_without_one_are_told_apart_by_no_part_of_them(tmp_path):

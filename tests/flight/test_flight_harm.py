@@ -1,6 +1,7 @@
 """Flights on which a correction may do harm: jumps of the air, coarse readings, a profile that is wrong."""
 
 import dataclasses
+import zlib
 
 import numpy as np
 import pytest
@@ -634,6 +635,20 @@ def test_a_jump_of_vapour_that_the_temperature_does_not_show_may_be_the_film_its
                for kind in ("drops on the film", "heated film")}  # fmt: skip
     assert covered["drops on the film"] > 0.9 and covered["heated film"] > 0.78, covered
     assert harm.score("door, vapour too", 3780, False)[1]["stated"] < 0.2
+
+
+def test_no_stretch_is_said_to_end_where_it_begins():
+    """A supply that sags. Before: "from 113.89 s on the reading goes down" (it went up) "until 113.89 s"."""
+    harm, kind = benchmark("flight_harm"), "supply sags"
+    number = zlib.crc32(kind.encode())
+    world = harm.KINDS[kind](np.random.default_rng([4101, number]))
+    log = harm.fly(world, 4101 + number).log
+    nothing = np.full(log["time_s"].size, np.nan)
+    done = correct(
+        Flight(log["time_s"], log["temperature_c"], log["humidity_percent"], *[nothing] * 3), harm.profile_of(world)
+    )
+    assert not any("until 113.89 s" in note for note in done.notes)
+    assert any("the sensor changed" in note for note in done.notes)
 
 
 def test_every_number_whose_sensitivity_is_counted_is_one_of_the_correction():
