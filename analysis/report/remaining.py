@@ -80,7 +80,7 @@ def remaining(channel: Channel, found: Fit) -> Remaining | None:
     shares = (count * residual[usable, :, None]).sum(axis=1) / np.maximum(total, 1) / step[usable, None]
     weight = total * step[usable, None] ** 2
     middle = np.sqrt(edges[:-1] * edges[1:])
-    parted = {name: level[usable] for name, level in levels(channel).items()}
+    parted = {name: level[usable] for name, level in levels(channel).items() if np.unique(level[usable]).size > 1}
     chances = {name: _chance(shares, weight, level) for name, level in parted.items()}
     varies = sorted((name for name, p in chances.items() if p < PARTS_BELOW), key=chances.__getitem__)
     courses = [_course("all runs", middle, shares, weight)]

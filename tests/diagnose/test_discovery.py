@@ -4,6 +4,7 @@ behaviours found again, and a description carried as data into a flight."""
 import json
 import pickle
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from small_worlds import record
 from shockrig.analysis.characterize.part_fit import extension_of
 from shockrig.analysis.diagnose.candidates import bare_forms, candidates, says_nothing
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
-from shockrig.analysis.diagnose.grammar import forms
+from shockrig.analysis.diagnose.grammar import forms, levels
 from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.diagnose.remainder import Tolerance
 from shockrig.analysis.diagnose.restless import whole_conditions
@@ -23,13 +24,16 @@ from shockrig.analysis.effects.described import described, discovered_of, entry_
 from shockrig.analysis.estimate.effect import SLOWEST_S
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
+from shockrig.analysis.estimate.noise import estimate_noise, whiteners
+from shockrig.analysis.estimate.problem import make_problem
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.undo_readout import unseen
 from shockrig.analysis.report.diagnosis_words import sentence
-from shockrig.analysis.report.remaining import spectrum
+from shockrig.analysis.report.remaining import remaining, spectrum
 from shockrig.files.flight import Flight
 from shockrig.files.profile import Profile, TemperatureProfile, Uncertain, profile_document, profile_from_document
-from shockrig.rig.virtual.plans import standard_plan
+from shockrig.rig.seams import Air
+from shockrig.rig.virtual.plans import Shock, standard_plan
 from shockrig.rig.virtual.truth import ROUGH, Hidden
 
 T = ("temperature",)
@@ -54,6 +58,18 @@ def test_a_spectrum_finds_the_relaxation_times_that_are_there():
     rise, fall = taus[np.argmax(amplitude)], taus[np.argmin(amplitude)]
     assert 0.3 < rise < 0.9 and 12.0 < fall < 33.0
     assert uncertainty.max() < 0.2 * np.abs(amplitude).max()
+
+
+def test_what_all_runs_with_a_step_have_alike_is_no_condition_that_was_varied(tmp_path):
+    """Humidity shocks at 20 degC among thermal ones up to 40. Before: 0 / 0, and "does not vary with ambient"."""
+    warm, cool, dry, wet = Air(40.0, 18.0), Air(20.0, 55.0), Air(20.0, 20.0), Air(20.0, 80.0)
+    pairs = ((warm, cool), (cool, warm), (dry, wet), (wet, dry))
+    shocks = [Shock(f"{i:04d}", *pair, flow) for i, (flow, pair) in enumerate(product((3.0, 6.0, 12.0), pairs), 1)]
+    channel = build_channel(record(tmp_path / "c", 3, plan=shocks), "humidity")
+    problem = make_problem(channel, whiteners(channel, estimate_noise(channel, 0.1)))
+    left = remaining(channel, plain_fit(problem, PLAIN))
+    assert "ambient" in levels(channel)
+    assert "ambient" not in (*left.varies_with, *left.does_not_vary_with)
 
 
 def test_forms_do_what_their_closed_forms_say(warm_rates):
