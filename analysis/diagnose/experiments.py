@@ -172,7 +172,7 @@ def unseen(channel: Channel) -> list[dict[str, Any]]:
     if not c.airflow_known.all():
         return []
     flows = (float(c.airflow_m_s.min()), float(c.airflow_m_s.max()))
-    beyond = 0.5 * flows[0] if flows[0] > 2.0 * STEADY_M_S else 1.5 * flows[1]
+    beyond = 0.5 * flows[0] if flows[0] > 2.0 * STEADY_M_S else max(1.5 * flows[1], STEADY_M_S)
     airs = (USUAL_C, 20.0, USUAL_C, 80.0) if channel.jumps_with_air else (USUAL_C + 20.0, 18.0, USUAL_C, 55.0)
     words = "at an airflow that was not seen: what was described is known at the recorded ones alone"
     return [_asked_for(PlannedShock(*airs, round(beyond, 2), pressure_hpa=usual.pressure_hpa, why=words))]

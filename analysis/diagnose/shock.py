@@ -70,7 +70,7 @@ class PlannedShock:
 
 
 def from_run(run: dict[str, Any]) -> PlannedShock:
-    """The shock that `Shock.as_run` wrote."""
+    """The shock that `PlannedShock.as_run` wrote."""
     return PlannedShock(
         run["source"]["temperature_c"],
         run["source"]["humidity_percent"],

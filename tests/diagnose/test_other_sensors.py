@@ -9,7 +9,7 @@ from foreign_worlds import draw
 from small_worlds import record as record_small
 
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
-from shockrig.analysis.diagnose.experiments import propose, separations
+from shockrig.analysis.diagnose.experiments import STEADY_M_S, propose, separations, unseen
 from shockrig.analysis.diagnose.refitting import plain_fit, refit
 from shockrig.analysis.diagnose.shock import PlannedShock
 from shockrig.analysis.effects import CATALOGUE
@@ -72,6 +72,15 @@ def test_runs_are_asked_for_in_a_chamber_that_is_colder_than_its_rounded_air(tmp
     plain = plain_fit(problem, PLAIN)
     asked = propose(problem, noise, [(plain, refit(problem, Structure((CATALOGUE["series_lag"],)), plain))])
     assert asked and all(run["destination"]["temperature_c"] == -20.0 for run in asked)
+
+
+def test_of_still_air_a_run_in_air_that_moves_is_asked_for(tmp_path):
+    """Before: one in still air, as "an airflow that was not seen"."""
+    shocks = [Shock(f"{i:04d}", Air(40.0, 18.0), Air(20.0, 55.0), 0.0) for i in range(1, 4)]
+    channel = build_channel(record_small(tmp_path / "campaign", 3, plan=shocks), "temperature")
+    assert channel.conditions.airflow_m_s.max() == 0.0
+    (run,) = unseen(channel)
+    assert run["airflow_m_s"] == STEADY_M_S
 
 
 def test_runs_beside_a_reference_and_runs_without_one_are_told_apart_by_no_part_of_them(tmp_path):
