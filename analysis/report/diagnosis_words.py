@@ -438,7 +438,9 @@ def headline(diagnosis: Diagnosis) -> str:
 
 def missing(diagnosis: Diagnosis) -> list[str]:
     """A sentence for each channel that could not be diagnosed."""
-    return [f"The {INSTRUMENT[name]} could not be diagnosed: {why}." for name, why in diagnosis.missing.items()]
+    # A finding of the checks of the input is a whole sentence, with its stop.
+    whys = {name: why.removesuffix(".") for name, why in diagnosis.missing.items()}
+    return [f"The {INSTRUMENT[name]} could not be diagnosed: {why}." for name, why in whys.items()]
 
 
 def worse(nats: float) -> str:

@@ -19,6 +19,7 @@ from shockrig.analysis.report.diagnosis_words import (
     channel_verdict,
     experiments,
     listed,
+    missing,
     remainder_sentence,
     removed_share,
     worse,
@@ -276,3 +277,9 @@ def test_a_gain_that_few_runs_cannot_tell_is_said_to_be_so():
     ):
         found.gain = gained
         assert removed_share(found) == f"of the explainable error removed on unseen runs: {words}"
+
+
+@pytest.mark.parametrize("why", ["no run has a step", "it stands still: leave these runs out."])
+def test_a_channel_that_is_missing_is_told_in_one_sentence(why):
+    said = missing(SimpleNamespace(missing={"humidity": why}))
+    assert said == [f"The hygrometer could not be diagnosed: {why.rstrip('.')}."]
