@@ -623,7 +623,12 @@ def _heaviest_first(among: Iterable[Rated]) -> tuple[tuple[Rated, ...], Array]:
 
 def _stuck(one: Rated, among: Iterable[Rated]) -> bool:
     """Whether a fit leaves more of the runs than a model that it extends, which is a part of it: it ended elsewhere."""
-    nested = {e.id for e in one.fit.structure.effects if any(p.none is not None for p in e.parameters)}
+    # A value that leaves the model as it was is in the range of an effect that says so, and of a lag at its weakest.
+    nested = {
+        e.id
+        for e in one.fit.structure.effects
+        if any(p.none is not None or p.weakest is not None for p in e.parameters)
+    }
     parts = (other for other in among if other.ids < one.ids and one.ids - other.ids <= nested)
     return any(part.fit.deviance < one.fit.deviance for part in parts)
 
