@@ -196,7 +196,7 @@ def _highest_line(channel: Channel, pieces: list[_Plateau]) -> float | None:
             return None
     near = np.arange(-PER_WIDTH * FINE_FACTOR, PER_WIDTH * FINE_FACTOR + 1) * width / (PER_WIDTH * FINE_FACTOR)
     own, variance = _amplitudes(pieces, highest + near)
-    moves = variance > 0.0  # one reading over and over says nothing
+    moves = variance > 0.0  # a plateau of which clipping leaves a single value says nothing
     return float((highest + near)[int(np.argmax((own[moves] / variance[moves, None]).sum(axis=0)))])
 
 

@@ -217,7 +217,8 @@ def score(problem: Problem, found: Fit, bump: Array, blocks: NDArray[np.int64] |
     g = gram(problem, found, bump)
     usual = g.own.copy()
     usual[:, RunEffect.RATE] = np.minimum(usual[:, RunEffect.RATE], problem.rate_scatter**2)
-    tried = np.concatenate([densities(replace(g, own=own), DISCREPANCIES, blocks) for own in (g.own, usual)])
+    scatters = (g.own, usual) if (usual < g.own).any() else (g.own,)
+    tried = np.concatenate([densities(replace(g, own=own), DISCREPANCIES, blocks) for own in scatters])
     # A fit that led to no number predicts nothing.
     totals = [total if np.isfinite(total := float(one.sum())) else -np.inf for one in tried]
     best = int(np.argmax(totals))
