@@ -22,13 +22,12 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import minimize
 
 from shockrig.analysis.learn.bins import LEAST_PASS_M, REFERENCE_TEMPERATURE_C, FlightBins, binned
 from shockrig.analysis.learn.density import MOVE_STEP, MOVES, UNKNOWN, WALKS, FlightChannelData, SensorModel, prepared
-from shockrig.analysis.learn.flights_fit import LONGEST_STEP
 from shockrig.analysis.learn.laws import LAWS, Law
 from shockrig.analysis.plan.flight_plan import (
-    LANDING_M_S,
     LEVEL_USUAL_M_S,
     TAKEOFF_M_S,
     TAKEOFF_TO_M,
@@ -37,8 +36,10 @@ from shockrig.analysis.plan.flight_plan import (
     OutAndBack,
     Straight,
     end_m,
+    flown,
     minutes,
     seconds_of,
+    whole,
 )
 from shockrig.files.errors import InputError
 from shockrig.files.flight import Flight
@@ -50,7 +51,7 @@ Array = NDArray[np.float64]
 
 CANDIDATE_BINS = 64  # of a candidate flight: as fine as two models of a sensor differ
 RANGE_OVER_SIGMA = math.sqrt(12.0)  # range of what is spread evenly, over its standard deviation
-STEPS, BEGIN_DAMPING = 5, 1e-3  # towards the air that suits the other model best
+FARTHEST_SPREADS = 5.0  # of what is known of the air, to which it may be another one
 MOST_CANDIDATES = 3  # of a channel: the most probable, each against each
 LEGAL_CEILING_M = 120.0  # above ground without a permission in most countries (EU 2019/947; FAA part 107: 400 ft)
 ENDURANCE_MINUTES = 20.0  # of a usual multicopter
@@ -213,14 +214,12 @@ def menu(limits: FlightLimits) -> dict[str, tuple[Leg, ...]]:
 
 def planned_bins(legs: Sequence[Leg], learned: LearnedFile) -> FlightBins:
     """Bins of a flight as they will be, read once a second in calm air."""
-    times, heights, airspeeds, at_m = [0.0], [0.0], [], 0.0
-    for leg in (Straight(TAKEOFF_TO_M, TAKEOFF_M_S), *legs, Straight(0.0, LANDING_M_S)):
-        times.append(times[-1] + seconds_of(leg, at_m))
-        airspeeds.append(_airspeed(leg))
-        at_m = end_m(leg, at_m)
-        heights.append(at_m)
+    legs = whole(legs)
+    times = np.cumsum([0.0, *(seconds_of(leg, at_m) for leg, at_m in flown(legs))])
+    heights = [0.0, *(end_m(leg, at_m) for leg, at_m in flown(legs))]
+    airspeed_of = np.array([_airspeed(leg) for leg in legs])
     time = np.arange(0.0, times[-1], 1.0)
-    airspeed = np.array(airspeeds)[np.searchsorted(times, time, side="right") - 1]
+    airspeed = airspeed_of[np.searchsorted(times, time, side="right") - 1]
     return bins_along(time, np.interp(time, times, heights), airspeed, learned)
 
 
@@ -293,24 +292,14 @@ def nats_against(data: FlightChannelData, own: Array, line: float, right: Sensor
     truth = _covariance(data, own, right, right.seen_air(data, own[-MOVES:]), line)
     off = right.offset(data) - other.offset(data)
     expected = truth + np.outer(off, off)
-    at, damping = own, BEGIN_DAMPING
-    value, slope, information = _against(data, at, other, expected)
-    for _ in range(STEPS):
-        curved = information + np.diag(data.spread**-2.0)
-        curved += damping * np.diag(curved.diagonal())
-        step = np.linalg.solve(curved, slope - (at - own) / data.spread**2)
-        ahead = at + step * min(1.0, LONGEST_STEP / max(float(np.max(np.abs(step) / data.spread)), 1e-12))
-        tried, *slopes = _against(data, ahead, other, expected)
-        if tried + _prior_nats(data, ahead - own) < value + _prior_nats(data, at - own):
-            at, value, damping = ahead, tried, damping / 8.0
-            slope, information = slopes
-        else:
-            damping = 8.0 * max(damping, 1e-2)
-    return max(value + _prior_nats(data, at - own) - _against(data, own, right, truth)[0], 0.0)
 
+    def cost(away: Array) -> tuple[float, Array]:
+        value, slope = _against(data, own + data.spread * away, other, expected)
+        return value + 0.5 * float(away @ away), data.spread * slope + away
 
-def _prior_nats(data: FlightChannelData, moved: Array) -> float:
-    return 0.5 * float(np.sum((moved / data.spread) ** 2))
+    within = [(-FARTHEST_SPREADS, FARTHEST_SPREADS)] * own.size
+    least = minimize(cost, np.zeros(own.size), jac=True, method="L-BFGS-B", bounds=within)
+    return max(float(least.fun) - _against(data, own, right, truth)[0], 0.0)
 
 
 def _covariance(data: FlightChannelData, own: Array, sensor: SensorModel, seen: Array, line: float = 1.0) -> Array:
@@ -325,15 +314,15 @@ def _covariance(data: FlightChannelData, own: Array, sensor: SensorModel, seen: 
     return np.asarray(found + UNKNOWN**2 * np.outer(start, start))
 
 
-def _against(data: FlightChannelData, own: Array, sensor: SensorModel, expected: Array) -> tuple[float, Array, Array]:
-    """Mean of minus the log density of readings of second moment `expected`, less n/2 ln 2 pi [nats]; the slope of the
-    log density over the air's own numbers, and its information."""
+def _against(data: FlightChannelData, own: Array, sensor: SensorModel, expected: Array) -> tuple[float, Array]:
+    """Mean of minus the log density of readings of second moment `expected`, less n/2 ln 2 pi [nats], and its slope
+    over the air's own numbers."""
     sizes, moves = np.exp(own[:-MOVES]), own[-MOVES:]
     seen = sensor.seen_air(data, moves)
     try:
         factor = cho_factor(_covariance(data, own, sensor, seen), lower=True, check_finite=False)
     except np.linalg.LinAlgError:
-        return math.inf, np.zeros(own.size), np.eye(own.size)
+        return math.inf, np.zeros(own.size)
     scaled = data.weighed(seen, own)
     steps = seen[:, 2:]
     covariance_slopes = [size * steps @ walk @ steps.T for size, walk in zip(sizes[:WALKS], data.walks, strict=True)]
@@ -343,7 +332,6 @@ def _against(data: FlightChannelData, own: Array, sensor: SensorModel, expected:
         through = ((sensor.seen_air(data, moves + unit) - seen) / MOVE_STEP) @ scaled.T
         covariance_slopes.append(through + through.T)
     weighed = cho_solve(factor, expected, check_finite=False)
-    solved = np.stack([cho_solve(factor, one, check_finite=False) for one in covariance_slopes])
     value = 0.5 * float(weighed.trace()) + float(np.log(factor[0].diagonal()).sum())
-    slope = 0.5 * (np.einsum("kij,ji->k", solved, weighed) - np.einsum("kii->k", solved))
-    return value, slope, 0.5 * np.einsum("kij,lji->kl", solved, solved, optimize=True)
+    unexplained = cho_solve(factor, np.eye(seen.shape[0]) - weighed.T, check_finite=False)
+    return value, 0.5 * np.array([np.vdot(unexplained, one) for one in covariance_slopes])

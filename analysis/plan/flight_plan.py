@@ -66,26 +66,28 @@ def seconds_of(leg: Leg, at_m: float) -> float:
             return metres / speed
 
 
-def _flown(legs: Sequence[Leg]) -> Iterator[tuple[Leg, float]]:
-    """Each leg with the altitude at which it begins."""
-    at_m = TAKEOFF_TO_M
+def whole(legs: Sequence[Leg]) -> tuple[Leg, ...]:
+    """A flight's legs with takeoff and landing, as ArduCopter flies these by itself."""
+    landing = (Straight(LANDING_FROM_M, DESCENT_USUAL_M_S), Straight(0.0, LANDING_M_S))
+    return (Straight(TAKEOFF_TO_M, TAKEOFF_M_S), *legs, *landing)
+
+
+def flown(legs: Sequence[Leg], at_m: float = 0.0) -> Iterator[tuple[Leg, float]]:
+    """Each leg with the altitude at which it begins, the first at `at_m`."""
     for leg in legs:
         yield leg, at_m
         at_m = end_m(leg, at_m)
 
 
 def minutes(legs: Sequence[Leg]) -> float:
-    """How long a flight takes from takeoff to landing, with ArduCopter's own speeds where the plan sets none [min]."""
-    seconds = TAKEOFF_TO_M / TAKEOFF_M_S + sum(seconds_of(leg, at_m) for leg, at_m in _flown(legs))
-    last_m = [end_m(leg, at_m) for leg, at_m in _flown(legs)][-1]
-    above_m = max(last_m - LANDING_FROM_M, 0.0)
-    return (seconds + above_m / DESCENT_USUAL_M_S + (last_m - above_m) / LANDING_M_S) / 60.0
+    """How long a flight takes from takeoff to landing [min]."""
+    return sum(seconds_of(leg, at_m) for leg, at_m in flown(whole(legs))) / 60.0
 
 
 def words(legs: Sequence[Leg]) -> list[str]:
     """A sentence for the pilot for each part of the flight; altitudes are above home."""
     sentences = [f"Take off and rise to {TAKEOFF_TO_M:g} m above home."]
-    for leg, at_m in _flown(legs):
+    for leg, at_m in flown(legs, TAKEOFF_TO_M):
         took = f"({seconds_of(leg, at_m) / 60.0:.1f} min)"
         match leg:
             case Straight(to_m, speed):
@@ -120,7 +122,7 @@ def _items(home: Home, legs: Sequence[Leg]) -> Iterator[Item]:
         return latitude + math.degrees(north_m / EARTH_RADIUS_M), longitude, altitude_m
 
     yield Item(Command.TAKEOFF, position=place(TAKEOFF_TO_M))
-    for leg, at_m in _flown(legs):
+    for leg, at_m in flown(legs, TAKEOFF_TO_M):
         match leg:
             case Straight(to_m, value):
                 yield from speed(CLIMB_SPEED if to_m > at_m else DESCENT_SPEED, value)
