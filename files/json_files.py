@@ -9,8 +9,10 @@ import json
 import math
 import os
 from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any
+from types import UnionType
+from typing import Any, get_args, get_origin, get_type_hints
 
 from shockrig.files.disk import read_text, shown, write_whole
 from shockrig.files.errors import InputError
@@ -84,6 +86,26 @@ def write_json(path: Path, content: Mapping[str, Any], *, indent: int = 1, sync:
 def known(**items: Any) -> dict[str, Any]:
     """The items that are not None, in their order: what is unknown is left out of a file."""
     return {key: value for key, value in items.items() if value is not None}
+
+
+def made_of(kind: Any, content: Any) -> Any:
+    """A dataclass from what `dataclasses.asdict` left of it in a JSON file, with all that is within it.
+
+    Raises
+    ------
+    AttributeError, TypeError, ValueError
+        A field is missing, or is not of its kind.
+    """
+    if isinstance(kind, type) and is_dataclass(kind):
+        kinds = get_type_hints(kind)
+        return kind(**{field.name: made_of(kinds[field.name], content.get(field.name)) for field in fields(kind)})
+    if isinstance(kind, UnionType):  # with None
+        return None if content is None else made_of(get_args(kind)[0], content)
+    if get_origin(kind) is tuple:
+        return tuple(made_of(get_args(kind)[0], one) for one in content)
+    if get_origin(kind) is Mapping:
+        return {key: made_of(get_args(kind)[1], one) for key, one in content.items()}
+    return kind(content) if kind in (bool, float, int, str) else content
 
 
 def measured(value: float | None) -> float | None:

@@ -28,7 +28,7 @@ _AIR = {"temperature_c": _NUMBER, "humidity_percent": _NUMBER}
 _EXPECTED = {"expected_minutes": _NUMBER, "expected_evidence": _MAYBE, "expected_information": _MAYBE,
              "expected_progress?": _NUMBER}  # fmt: skip
 _SHOCK = {"source": _AIR, "destination": _AIR, "airflow_m_s": _NUMBER, "dwell_s": _NUMBER, "why": str}
-_DISPUTE = {"explanations": [{str: {str: _NUMBER}}], "labels": [str], "runs": [str]}
+_DISPUTE = {"explanations": [{str: {str: _NUMBER}}], "labels": [str], "runs": [str], "against": [_NUMBER]}
 # What a line has and is read again: kinds, [of each item], {str: of each value}; a key with "?" may be missing or null.
 DECISION: Mapping[Any, Any] = {
     "number": int,
@@ -44,11 +44,12 @@ DECISION: Mapping[Any, Any] = {
             "verdict": str,
             "runs": int,
             "causes": {str: {str: _NUMBER}},
-            "against": [_NUMBER],
             "out": [[str]],
             "looks": int,
-            "settled": [_DISPUTE | {"against": [_NUMBER]}],
+            "settled": [_DISPUTE],
             "dispute?": _DISPUTE,
+            "final": bool,
+            "due": bool,
         }
     },
     "vetoed": [_SHOCK],
@@ -113,9 +114,8 @@ def _decision(line: str, where: str) -> dict[str, Any]:
     if (wrong := _amiss(entry.content, DECISION)) is not None:
         raise InputError(f"{where}: key {wrong}: is missing or of another kind; {REMEDY}")
     for place, verdict in entry.content["verdicts"].items():
-        open_ = [verdict["dispute"] | {"against": verdict["against"]}] if verdict.get("dispute") else []
-        for one in (*verdict["settled"], *open_):
-            if not len(one["explanations"]) == len(one["labels"]) == len(one["against"]):
+        for one in (*verdict["settled"], verdict.get("dispute")):
+            if one and not len(one["explanations"]) == len(one["labels"]) == len(one["against"]):
                 raise InputError(f"{where}: key verdicts.{place}: not as many labels as explanations; {REMEDY}")
     return dict(entry.content)
 

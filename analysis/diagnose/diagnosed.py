@@ -20,7 +20,7 @@ from shockrig.analysis.effects.described import described, is_described
 from shockrig.analysis.estimate.fit import Fit
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.problem import Problem
-from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName
+from shockrig.analysis.estimate.quantity import ChannelName
 from shockrig.files.diagnosis import (
     StatedCause,
     StatedChannel,
@@ -31,6 +31,7 @@ from shockrig.files.diagnosis import (
 )
 from shockrig.files.diagnosis_data import Discovered
 from shockrig.files.discovered import plain
+from shockrig.files.json_files import made_of
 
 # What a diagnosis leaves standing, as whoever plans takes it: the models that come near the stated one, with values.
 #
@@ -97,33 +98,23 @@ def outcome_of(found: ChannelDiagnosis) -> ChannelOutcome:
     )
 
 
-def read_outcome(verdict: str | None, said: object, name: ChannelName) -> ChannelOutcome | None:
+def read_outcome(verdict: str | None, said: Any, name: ChannelName) -> ChannelOutcome | None:
     """It from diagnosis.json; None where the file does not have it, or has effects that this version has not."""
     try:
-        assert isinstance(said, Mapping)
-        near = [Near(_explanation(n["explanation"], name), float(n["nats"]), bool(n["tied"]), bool(n["lacks"]))
-                for n in said["near"]]  # fmt: skip
-        return ChannelOutcome(
-            str(verdict),
-            tuple(map(str, said["runs"])),
-            bool(said["passed"]),
-            float(said["weight"]),
-            _explanation(said["best"], name),
-            _explanation(said["stated"], name),
-            tuple(near),
-        )
-    except (AssertionError, AttributeError, KeyError, TypeError, ValueError):
+        found: ChannelOutcome = made_of(ChannelOutcome, {**said, "verdict": verdict})
+        for one in (found.best, found.stated, *(near.explanation for near in found.near)):
+            _demand_known(one, name)
+    except (AttributeError, KeyError, TypeError, ValueError):
         return None
+    return found
 
 
-def _explanation(said: Mapping[str, Mapping[str, float]], name: ChannelName) -> Explanation:
-    """An explanation whose effects and parameters are this version's; raises ValueError where one is not."""
-    jumps = QUANTITIES[name].name == "humidity"
-    for id_, values in said.items():
-        effect = described(form_of(id_).key, jumps) if is_described(id_) else CATALOGUE[id_]
+def _demand_known(explanation: Explanation, name: ChannelName) -> None:
+    """Raise ValueError where an effect or its parameters are none of this version's."""
+    for id_, values in explanation.items():
+        effect = described(form_of(id_).key, name == "humidity") if is_described(id_) else CATALOGUE[id_]
         if set(values) != {parameter.name for parameter in effect.parameters}:
             raise ValueError(f"{id_}: other parameters")
-    return {id_: {p: float(value) for p, value in values.items()} for id_, values in said.items()}
 
 
 # What a diagnosis says of a channel and of a campaign: data, without how it came about.

@@ -44,7 +44,7 @@ from shockrig.analysis.plan.decision import (
     missing,
 )
 from shockrig.analysis.plan.designs import Designs, menu_of
-from shockrig.analysis.plan.evidence import OLD_RUNS_POWER, REJECTED_FROM, student
+from shockrig.analysis.plan.evidence import OLD_RUNS_POWER, student
 from shockrig.analysis.plan.goals import QUANTITY_OF, Goals, Place, places
 from shockrig.analysis.plan.information import nats
 from shockrig.analysis.plan.judged import ChannelLook, Verdict, diagnosed, extended, look_at
@@ -92,8 +92,9 @@ def _averaged(
 ) -> list[float]:
     expected = np.zeros(len(shocks))
     for look in looks:
-        if len(look.rivals) > 1 and look.problem is not None and look.noise is not None and shocks:
-            now, told = np.array([x for x in look.verdict.against if x < REJECTED_FROM]), []
+        dispute = look.verdict.dispute
+        if len(look.rivals) > 1 and dispute and look.problem is not None and look.noise is not None and shocks:
+            now, told = np.array(dispute.so_far), []
             for i, true in enumerate(look.rivals):
                 new = imagined(true.on_its_scatters(look.problem), look.noise, shocks, look.problem.channel.ambients_c)
                 told.append(told_by(look, i, new))
@@ -143,7 +144,7 @@ def _if_true(look: ChannelLook, i: int, new: Problem) -> Array:
     known = true.arrow.normal
     paid = [2.0 * nats(known, known + one.told, range(true.theta.size)) for one in own.each_run()]
     old = np.isin(look.problem.channel.run_ids, look.verdict.dispute.runs)
-    now = [x for x in look.verdict.against if x < REJECTED_FROM]
+    now = look.verdict.dispute.so_far
     found = np.full(new.channel.runs, -np.inf)
     for j, rival in enumerate(look.rivals):
         if j == i:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from shockrig.analysis.diagnose.shock import PlannedShock, from_run
 from shockrig.analysis.plan.choose import Choice, progress
-from shockrig.analysis.plan.evidence import Dispute, label_of
+from shockrig.analysis.plan.evidence import label_of
 from shockrig.analysis.plan.goals import Goals, Place
 from shockrig.analysis.plan.judged import ChannelLook, Verdict
 from shockrig.analysis.plan.precision import FEWEST_RUNS, Target
 from shockrig.files.campaign_names import FIRST_PROBE
-from shockrig.files.json_files import measured
+from shockrig.files.json_files import made_of, measured
 from shockrig.files.plan_file import DECISION_FORMAT, PLAN_FORMAT
 
 # What a decision holds, when it is the last one, and what is missing until then.
@@ -192,7 +192,10 @@ def log_entry(
         "probes": list(probes),
         "recorded": list(decision.recorded),
         **plan_document(decision, goals) | {"format": DECISION_FORMAT},
-        "targets": [_target(target) for target in decision.targets],
+        "targets": [
+            asdict(t) | {"label": t.label, "progress": measured(progress(t, t.relative**2, t.runs))}
+            for t in decision.targets
+        ],
         "verdicts": {place: _verdict(verdict) for place, verdict in decision.verdicts.items()},
         "considered": [_run(choice) for choice in decision.considered],
         "vetoed": [shock.as_run() for shock in vetoed],
@@ -210,11 +213,10 @@ def realised(decision: Decision, before: Mapping[str, Any]) -> dict[str, Any] | 
         return None
     told = 0.0
     for place, verdict in decision.verdicts.items():
-        was = before["verdicts"].get(place, {})
-        disputes = [(verdict.dispute, verdict.against)] if verdict.dispute is not None else []
-        for dispute, against in (*verdict.settled, *disputes):
-            if was.get("dispute", {}).get("runs") == list(dispute.runs):
-                told = max([told, *(x - y for x, y in zip(against, was["against"], strict=True))])
+        was = before["verdicts"].get(place, {}).get("dispute")
+        for dispute in (*verdict.settled, verdict.dispute):
+            if was and dispute and was["runs"] == list(dispute.runs):
+                told = max([told, *(x - y for x, y in zip(dispute.against, was["against"], strict=True))])
     return {
         "runs": new,
         "minutes": measured(decision.minutes_spent - before["minutes_spent"]),
@@ -233,71 +235,22 @@ def _sum(values: Iterable[float | None]) -> float | None:
     return None if None in known else measured(sum(v for v in known if v is not None))
 
 
-def _progress(target: Target) -> float:
-    return progress(target, target.relative**2, target.runs)
-
-
-def _target(target: Target) -> dict[str, Any]:
-    return {
-        "channel": target.channel,
-        "label": target.label,
-        "relative": measured(target.relative),
-        "wanted": target.wanted,
-        "runs": target.runs,
-        "progress": measured(_progress(target)),
-    }
-
-
 def _verdict(verdict: Verdict) -> dict[str, Any]:
-    open_ = {} if verdict.dispute is None else {"dispute": _dispute(verdict.dispute)}
-    return {
-        "verdict": verdict.verdict,
-        "runs": verdict.runs,
-        "causes": {effect: dict(values) for effect, values in verdict.causes.items()},
-        "against": [measured(x) for x in verdict.against],
-        "out": [list(ids) for ids in verdict.out],
-        "looks": verdict.looks,
-        "final": verdict.final,
-        "due": verdict.due,
-        "settled": [_dispute(d) | {"against": [measured(x) for x in against]} for d, against in verdict.settled],
-        **open_,
-    }
-
-
-def _dispute(dispute: Dispute) -> dict[str, Any]:
-    return {
-        "explanations": [{e: dict(v) for e, v in one.items()} for one in dispute.explanations],
-        "labels": dispute.labels(),
-        "runs": list(dispute.runs),
-    }
-
-
-def _dispute_of(said: Mapping[str, Any]) -> Dispute:
-    return Dispute(tuple(said["explanations"]), tuple(said["runs"]))
+    """As `remembered` reads it, with the labels of what was tied."""
+    said = asdict(verdict)
+    for dispute, own in ((verdict.dispute, said["dispute"]), *zip(verdict.settled, said["settled"], strict=True)):
+        if dispute is not None:
+            own["labels"] = dispute.labels()
+    return said
 
 
 def remembered(entry: Mapping[str, Any] | None) -> Decision | None:
     """What the next decision has to know of the last one, from its line in the log; None where there is none."""
     if entry is None:
         return None
-    verdicts: dict[Place, Verdict] = {}
-    for place, said in entry["verdicts"].items():
-        dispute = said.get("dispute")
-        verdicts[place] = Verdict(
-            said["verdict"],
-            said["runs"],
-            said["causes"],
-            None if dispute is None else _dispute_of(dispute),
-            tuple(said["against"]),
-            tuple(tuple(ids) for ids in said["out"]),
-            said["looks"],
-            tuple((_dispute_of(one), tuple(one["against"])) for one in said["settled"]),
-            bool(said.get("final")),
-            bool(said.get("due")),
-        )
-    return Decision(
-        entry["status"], entry["reason"], tuple(entry["recorded"]), verdicts=verdicts, chased=entry["chased"]
-    )
+    verdicts = {place: made_of(Verdict, said) for place, said in entry["verdicts"].items()}
+    recorded = tuple(entry["recorded"])
+    return Decision(entry["status"], entry["reason"], recorded, verdicts=verdicts, chased=entry["chased"])
 
 
 def chosen(entry: Mapping[str, Any]) -> list[PlannedShock]:

@@ -37,6 +37,7 @@ from shockrig.files.fleet_file import ALPHA, Coordinate, Population
 Array = NDArray[np.float64]
 ENOUGH_T63 = 9.0  # of record after the transfer in which a film's rate is told: 98 % of its step takes 4.7
 ENOUGH_BEAD_T63 = 14.0
+MOST_TOLD = REJECTED_FROM - 0.5  # ln E against a rival, of one that still stands
 MOST_AMBIENTS = 3  # at which runs that decide are looked for
 
 
@@ -128,7 +129,7 @@ class Designs:
                         degrees = look.verdict.dispute.degrees(look.problem.channel.rates)
                         apart = 0.5 * separations(look.problem, look.noise, one, other, shocks)
                         pairs.append(np.array([student(float(x), degrees) for x in apart]))
-                        needed.append(_still_needed(look, j))
+                        needed.append(REJECTED_FROM - float(np.clip(look.verdict.dispute.so_far[j], 0.0, MOST_TOLD)))
         varied = partial(variety, looks if goals.ties else {}, shocks)
         return cls(shocks, anchor, tuple(precise), tuple(pairs), np.array(needed), varied)
 
@@ -193,10 +194,3 @@ def _deciding_ambients(looks: Mapping[Place, ChannelLook]) -> list[float]:
                 seen[float(round(t))] = abs(t - USUAL_C)
     nearest = sorted(seen, key=seen.__getitem__)
     return nearest[:MOST_AMBIENTS] or [USUAL_C]
-
-
-def _still_needed(look: ChannelLook, rival: int) -> float:
-    """ln E that is missing against a rival that still stands."""
-    verdict = look.verdict
-    standing = [x for x in verdict.against if x < REJECTED_FROM]
-    return REJECTED_FROM - min(max(standing[rival], 0.0), REJECTED_FROM - 0.5)

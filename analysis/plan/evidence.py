@@ -37,10 +37,22 @@ FEWEST_DEGREES = 4
 
 @dataclass(frozen=True)
 class Dispute:
-    """Explanations that were tied at one look, the likeliest first, and the runs that had been recorded by then."""
+    """Explanations that were tied at one look, the likeliest first, the runs that had been recorded by then, and ln E
+    against each by now."""
 
     explanations: tuple[Explanation, ...]
     runs: tuple[str, ...]
+    against: tuple[float, ...] = ()
+
+    @property
+    def standing(self) -> tuple[Explanation, ...]:
+        """Explanations that are not out."""
+        return tuple(e for e, x in zip(self.explanations, self.against, strict=True) if x < REJECTED_FROM)
+
+    @property
+    def so_far(self) -> tuple[float, ...]:
+        """ln E against each of those."""
+        return tuple(x for x in self.against if x < REJECTED_FROM)
 
     def degrees(self, rates: int) -> int:
         """Degrees of freedom with which the scatter of runs was known then."""

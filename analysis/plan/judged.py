@@ -23,7 +23,7 @@ from shockrig.analysis.estimate.model import Model, Structure
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import ChannelName
-from shockrig.analysis.plan.evidence import REJECTED_FROM, Dispute, against, label_of, structure_of
+from shockrig.analysis.plan.evidence import Dispute, against, label_of, structure_of
 from shockrig.files.campaign import Campaign
 from shockrig.files.causes import StatedEffect, Uncertain
 
@@ -44,14 +44,12 @@ class Verdict:
         What its model carries beside the plain one, named or described, with the values that a fit begins from.
     dispute : Dispute or None
         What was tied then.
-    against : tuple of float
-        ln E against each of its explanations by now.
     out : tuple of tuple of str
         Effects of each explanation that new runs have ruled out.
     looks : int
         How many diagnoses were made.
-    settled : tuple of (Dispute, tuple of float)
-        Disputes that are over, with ln E against each explanation at their ends.
+    settled : tuple of Dispute
+        Disputes that are over.
     final : bool
         Whether the last diagnosis would be no other as one of all runs at the end.
     due : bool
@@ -62,28 +60,23 @@ class Verdict:
     runs: int = 0
     causes: Explanation = field(default_factory=dict)
     dispute: Dispute | None = None
-    against: tuple[float, ...] = ()
     out: tuple[tuple[str, ...], ...] = ()
     looks: int = 0
-    settled: tuple[tuple[Dispute, tuple[float, ...]], ...] = ()
+    settled: tuple[Dispute, ...] = ()
     final: bool = False
     due: bool = False
 
     @property
     def tied(self) -> tuple[str, ...]:
         """Explanations that still stand beside one another; empty where there is one."""
-        standing = self.standing
-        return tuple(label_of(e, self.explanations) for e in standing) if len(standing) > 1 else ()
-
-    @property
-    def explanations(self) -> tuple[Explanation, ...]:
-        """Of the dispute."""
-        return self.dispute.explanations if self.dispute else ()
+        if self.dispute is None or self.decided:
+            return ()
+        return tuple(label_of(e, self.dispute.explanations) for e in self.standing)
 
     @property
     def standing(self) -> tuple[Explanation, ...]:
         """Explanations of the dispute that are not out."""
-        return tuple(e for e, out in zip(self.explanations, self.against, strict=True) if out < REJECTED_FROM)
+        return () if self.dispute is None else self.dispute.standing
 
     @property
     def left(self) -> bool:
@@ -179,7 +172,8 @@ def look_at(
     ready = prepare(channel)
     now, base = before, ready.structure
     if before.dispute is not None:
-        now = replace(before, against=tuple(against(ready.problem, base, before.dispute)))
+        so_far = tuple(against(ready.problem, base, before.dispute))
+        now = replace(before, dispute=replace(before.dispute, against=so_far))
     anew = final or now.decided or before.runs == 0 and channel.runs >= 2 * FEWEST_RUNS
     if not anew and now.dispute is None:
         current = _fitted(ready.problem, now.causes, base)
@@ -236,11 +230,10 @@ def _taken(found: ChannelOutcome, before: Verdict, final: bool, ready: Prepared)
     verdict, as_at_the_end = found.verdict, final or found.verdict in ("explained", "adequate")
     if not final and found.passed and verdict == "unexplained":
         verdict = "adequate" if all(map(is_described, found.stated)) else "explained"
-    newly = (tuple(e) for e, x in zip(before.explanations, before.against, strict=True) if x >= REJECTED_FROM)
-    out = tuple(dict.fromkeys((*before.out, *(tuple(sorted(ids)) for ids in newly))))
-    look = before.looks + 1
-    over = () if before.dispute is None else ((before.dispute, before.against),)
-    settled = (*before.settled, *over)
+    over = () if before.dispute is None else (before.dispute,)
+    newly = (e for dispute in over for e in dispute.explanations if e not in dispute.standing)
+    out = tuple(dict.fromkeys((*before.out, *(tuple(sorted(e)) for e in newly))))
+    look, settled = before.looks + 1, (*before.settled, *over)
     kept: dict[tuple[str, ...], Explanation] = {}
     for one in _possible(found, look):
         ids = tuple(sorted(one))
@@ -253,15 +246,15 @@ def _taken(found: ChannelOutcome, before: Verdict, final: bool, ready: Prepared)
         verdict, as_at_the_end = "explained" if best else "adequate", True
     runs, explanations = len(found.runs), tuple(kept.values() or survivors)
     if not explanations:
-        return Verdict("unexplained", runs, found.stated, None, (), out, look, settled, as_at_the_end)
+        return Verdict("unexplained", runs, found.stated, None, out, look, settled, as_at_the_end)
     if tuple(sorted(found.stated)) in out:
         # What this look does not think best, new runs have borne out: what is left is judged of the model they leave.
         stands = _enough(ready, explanations[:1])
         named = "explained" if stands else "adequate"
         verdict, as_at_the_end = ("unexplained", as_at_the_end) if stands is None else (named, True)
-    dispute = Dispute(explanations, found.runs) if len(explanations) > 1 else None
-    nothing_yet = (0.0,) * len(explanations) if dispute else ()
-    return Verdict(verdict, runs, explanations[0], dispute, nothing_yet, out, look, settled, as_at_the_end)
+    nothing_yet = (0.0,) * len(explanations)
+    dispute = Dispute(explanations, found.runs, nothing_yet) if len(explanations) > 1 else None
+    return Verdict(verdict, runs, explanations[0], dispute, out, look, settled, as_at_the_end)
 
 
 def _enough(ready: Prepared, explanations: Sequence[Explanation]) -> Explanation | None:

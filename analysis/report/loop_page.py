@@ -117,7 +117,7 @@ def _standing(verdict: Mapping[str, Any]) -> list[str]:
     dispute = verdict.get("dispute")
     if dispute is None:
         return []
-    left = [label for label, x in zip(dispute["labels"], verdict["against"], strict=True) if x < OUT_LN]
+    left = [label for label, x in zip(dispute["labels"], dispute["against"], strict=True) if x < OUT_LN]
     return left if len(left) > 1 else []
 
 
@@ -170,7 +170,7 @@ def evidence_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
     curves: dict[str, list[tuple[int, float]]] = {}
     for entry in entries:
         for channel, verdict in entry["verdicts"].items():
-            under_way = [verdict["dispute"] | {"against": verdict["against"]}] if "dispute" in verdict else []
+            under_way = [verdict["dispute"]] if verdict.get("dispute") else []
             for dispute in (*verdict["settled"], *under_way):
                 for label, x in zip(dispute["labels"], dispute["against"], strict=True):
                     key = f"{channel}: {label} (since run {dispute['runs'][-1]})"

@@ -235,7 +235,7 @@ def test_evidence_comes_from_runs_that_tell_the_explanations_apart(tmp_path):
     fits = [_fitted(problem, one) for one in (HEATING, OFFSET)]
     expected = student(0.5 * separations(problem, ready.noise, *fits, [slow, COOL])[0], 5)
     assert told[1] == pytest.approx(expected, rel=0.35)
-    verdict = Verdict("explained", 6, HEATING, Dispute((HEATING, OFFSET), old), (0.0, 0.0))
+    verdict = Verdict("explained", 6, HEATING, Dispute((HEATING, OFFSET), old, (0.0, 0.0)))
     slowly, same = expected_evidence([ChannelLook(verdict, problem, ready.noise, tuple(fits))], [slow, COOL])
     assert told[1] == pytest.approx(slowly, rel=0.5) and same < 2.0
     assert expected_evidence([ChannelLook(Verdict())], [slow]) == [0.0]
@@ -252,8 +252,8 @@ def test_a_second_probe_tells_the_air_from_the_sensor(tmp_path):
     truth = replace(LIVELY, effects=(Hidden("air_relaxation", relaxing["air_relaxation"]),))
     ready = prepare(build_channel(recorded(tmp_path, truth, [COOL, WARM] * 3).campaign(), "temperature"))
     plain, *fits = (_fitted(ready.problem, one) for one in ({}, relaxing, stem))
-    dispute = Dispute((relaxing, stem), ready.problem.channel.run_ids)
-    look = ChannelLook(Verdict("explained", 6, relaxing, dispute, (0.0, 0.0)), ready.problem, ready.noise, tuple(fits))
+    dispute = Dispute((relaxing, stem), ready.problem.channel.run_ids, (0.0, 0.0))
+    look = ChannelLook(Verdict("explained", 6, relaxing, dispute), ready.problem, ready.noise, tuple(fits))
     degrees = dispute.degrees(ready.problem.channel.rates)
     for place, shock in enumerate((COOL, WARM)):
         (expected,) = second_probe_evidence([look], [shock])
@@ -276,7 +276,7 @@ def test_what_nobody_listed_is_held_against_what_is_catalogued(tmp_path):
         told = against(ready.problem, ready.structure, Dispute(dispute, old))
         assert told[wrong] > REJECTED_FROM and told[1 - wrong] < 0.0
     assert Dispute(dispute, old).labels() == ["offset", "self_heating"]
-    verdict = Verdict("described", 6, dispute[0], Dispute(dispute, old), (0.0, 0.0))
+    verdict = Verdict("described", 6, dispute[0], Dispute(dispute, old, (0.0, 0.0)))
     assert verdict.named == () and verdict.describes and verdict.left
     assert verdict.extension("temperature").structure.ids == (form,)
 
