@@ -423,7 +423,6 @@ READING_SIGMAS = 4.0  # of a reading's noise at either end
 LEAST_SHARE = 0.05
 MOST_SHARE = 0.8  # readings are noisy, and a sensor is seldom what its profile says to a fifth
 USUAL_TIMES = 2.0  # the median uncertainty, up to which a method is as certain as usual
-SURE_SIGMAS = 2.0  # standard uncertainties
 USUAL_NOISES = 3.0  # and up to so many times the reading's noise
 
 
@@ -540,9 +539,9 @@ def _capped(channel: FlightChannel, beyond: Array) -> Mask:
 def _nearer(channel: FlightChannel, readings: FlightReadings, unit: Array, sigma: Array) -> FlightChannel:
     """The channel nearer to its readings where it is far less certain than elsewhere in the flight.
 
-    That the reading is right is one of the explanations: of a difference d that is unsure by s, d^4 / (d^4 + s^4) is
-    kept, all of one that is sure and nothing of one that is not. s is two sigmas of what exceeds the usual uncertainty;
-    what is stated stays.
+    That the reading is right is one of the explanations. A value that is off from it by d has s to be unsure by, and
+    so has the reading: its weight is the likelihood of that, exp(-d^2 / 4 s^2), so that a correction which the flight
+    bears out is kept. s is what exceeds the usual uncertainty; what is stated stays.
     """
     seen = np.isfinite(readings.reading) & channel.screened.read
     if not seen.any():
@@ -561,13 +560,10 @@ def _nearer(channel: FlightChannel, readings: FlightReadings, unit: Array, sigma
     noise = np.interp(rows, rows[seen], np.sqrt(readings.noise_variance)[seen]) * unit
     usual = np.maximum(USUAL_TIMES * np.median(sigma[read if read.any() else known]), USUAL_NOISES * noise)
     off = np.where(known, channel.value - reading, 0.0)
-    extra = np.where(known, SURE_SIGMAS**2 * np.maximum(sigma**2 - usual**2, 0.0), 0.0)
+    extra = np.where(known, np.maximum(sigma**2 - usual**2, 0.0), 0.0)
     vague = extra > 0.0
-    if not vague.any():
-        return channel
-    fourth = np.square(np.square(off))
-    kept = np.divide(fourth, fourth + extra**2, out=np.ones(off.shape), where=vague)
-    return replace(channel, value=np.where(vague, reading + kept * off, channel.value))
+    weight = np.exp(-0.25 * np.divide(off**2, extra, out=np.zeros(off.shape), where=vague))
+    return replace(channel, value=np.where(vague, channel.value - weight * off, channel.value))
 
 
 def _above_ceiling(
