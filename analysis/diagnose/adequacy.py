@@ -1,16 +1,14 @@
-"""Is anything left? Tests without physics of what a fitted model leaves, on three kinds of trace an effect can leave
+"""Is anything left? Tests without physics of what a fitted model leaves, on two kinds of trace an effect can leave
 behind.
 
 (a) the mean response: a smooth basis in log time, crossed with step, direction, ambient and airflow, after the model's
 own parameters and each run's deviations are projected out; (b) the runs' deviations: too large for the stated
-uncertainties, or moving with run order or condition; (c) single readings: bursts. A hum is out of them by then
-(`restless.without_hum`).
+uncertainties, or moving with run order or condition. What single readings do all along is `restless`'s.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,9 +25,6 @@ from shockrig.analysis.estimate.quantity import RUN_EFFECT_NAMES, RunEffect
 Array = NDArray[np.float64]
 
 WINDOWS_S = (0.0, 0.15, 0.6, 2.5, 10.0, 30.0, 1e9)
-LEAST_PLATEAU = 64  # samples of a plateau that tells anything of single readings
-BURST_SIGMAS = 5.5  # standard deviations from which on a reading belongs to a burst
-BURSTS = "bursts in the readings"
 KNOTS_S = (0.0, 0.15, 0.4, 1.0, 2.5, 6.0, 15.0, 40.0, 120.0)
 
 
@@ -65,9 +60,9 @@ class Adequacy:
         return tuple(c for c in self.checks if c.p * len(self.checks) <= level("adequacy"))
 
 
-def judge(problem: Problem, found: Fit, noise: Noise) -> Adequacy:
+def judge(problem: Problem, found: Fit) -> Adequacy:
     """Test what `found` leaves of a problem's data."""
-    return Adequacy((_response(problem, found), *_deviations(problem, found), *_readings(problem.channel, noise)))
+    return Adequacy((_response(problem, found), *_deviations(problem, found)))
 
 
 def factors(channel: Channel) -> dict[str, Array]:
@@ -190,34 +185,3 @@ def _deviations(problem: Problem, found: Fit) -> list[Check]:
             Check(f"the runs' {name} against order and condition", float(special.fdtrc(rank, degrees, ratio)))
         )
     return checks
-
-
-def _readings(channel: Channel, noise: Noise) -> list[Check]:
-    """Bursts and hum in the single readings of the plateaus."""
-    parts = [(t, y) for _, t, y in plateaus(channel)]
-    spread = noise.standard_deviation
-    outliers = sum(int((np.abs(y) > BURST_SIGMAS * spread).sum()) for _, y in parts)
-    total = sum(y.size for _, y in parts)
-    checks = []
-    if total > 200:
-        # A handful of absurd values is what real logs hold; a share of them is a cause.
-        p = float(special.pdtrc(outliers - 1, 1.5 + 3e-4 * total)) if outliers else 1.0
-        checks.append(Check(BURSTS, p))
-    return checks
-
-
-def plateaus_of(time: Array, period_s: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """The readings of a run (n,) before the transfer and at its end."""
-    return time < -2 * period_s, time > 0.67 * time[-1]
-
-
-def plateaus(channel: Channel) -> Iterator[tuple[int, Array, Array]]:
-    """Run, times and readings of each plateau, a slow bend taken off."""
-    period = channel.sampling_period_s
-    for run, ((time, value), air) in enumerate(zip(channel.samples, channel.air, strict=True)):
-        if air is not None:
-            continue  # there is no plateau in a record that was driven all along
-        for part in plateaus_of(time, period):
-            t, y = time[part], value[part]
-            if y.size >= LEAST_PLATEAU and np.ptp(y) > 0:
-                yield run, t, y - np.polyval(np.polyfit(t, y, 2), t)

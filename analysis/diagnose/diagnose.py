@@ -30,8 +30,8 @@ from shockrig.analysis.diagnose.experiments import propose, unseen
 from shockrig.analysis.diagnose.gain import Gain, HeldOutPart, held_out_parts, held_out_squares, measure_gain
 from shockrig.analysis.diagnose.grammar import stated
 from shockrig.analysis.diagnose.prepare import Prepared, likelier_average, prepare, with_rounding
-from shockrig.analysis.diagnose.remainder import Tolerance, describe, measure_remainder, predicted_badly
-from shockrig.analysis.diagnose.restless import nothing_else, restless, without_hum
+from shockrig.analysis.diagnose.remainder import Tolerance, describe, measure_remainder
+from shockrig.analysis.diagnose.restless import bursts, without_hum
 from shockrig.analysis.diagnose.search import Earlier, Rated, Search, first_look, search
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.diagnose.verdict import Standing, verdict
@@ -214,14 +214,14 @@ def diagnose_channel(
     parts = held_out_parts(channel, problem, found.plain)
     found, gain, unborne = _borne_out(channel, ready, found, parts, tolerance.of(channel.quantity.unit))
     sigma = found.best.score.discrepancy
-    adequacy, plain_adequacy = (judge(problem, one.fit, ready.noise) for one in (found.best, found.plain))
+    adequacy, plain_adequacy = (judge(problem, one.fit) for one in (found.best, found.plain))
     remainder = measure_remainder(problem, found.best.fit, ready.noise, adequacy, gain, tolerance, sigma)
     final = _final(problem, found.best, remainder.significant)
     matters = remainder.significant and remainder.material
-    bursts = restless(problem.channel, adequacy) if matters else ()
     causes = _causes(ready, found, final)
     forms = stated(problem, found, final)
-    shown = (*ready.shown, *bursts, *(() if hum is None else (hum,)))
+    restless = (bursts(problem.channel, ready.noise, remainder.tolerance), hum)
+    shown = (*ready.shown, *(one for one in restless if one is not None))
     parted = [f for f in findings if f.kind == PARTED and f.channel in (None, channel.name)]
     standing = Standing(
         named=len(causes),
@@ -229,7 +229,6 @@ def diagnose_channel(
         shown=len(shown),
         left_over=remainder.significant,
         matters=remainder.material,
-        only_readings=nothing_else(adequacy, bursts) and not predicted_badly(gain),
         parted=bool(parted),
         borne_out=gain.measured,
         claims=any(not CATALOGUE[c.effect].candidacy.shape for c in causes),
@@ -272,7 +271,7 @@ def _searched(channel: Channel, ready: Prepared, earlier: Earlier | None, descri
     rough = first_look(ready.problem, ready.structure) if ready.rounds_coarsely else None
     ready = with_rounding(ready, rough)
     found = search(ready.problem, ready.structure, earlier, describing)
-    averaged = likelier_average(ready, found, judge(ready.problem, found.best.fit, ready.noise).passed)
+    averaged = likelier_average(ready, found, judge(ready.problem, found.best.fit).passed)
     if averaged is None:
         return ready, found
     ready = with_rounding(prepare(channel, averaged), rough)

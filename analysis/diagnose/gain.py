@@ -212,9 +212,12 @@ class HeldOutPart:
             self.fits[id(model)] = (model, *_fitted(self.part, self.bump, model, model.fit.structure, self.train))
         return self.fits[id(model)][1:]
 
-    def residuals_under(self, found: Fit) -> Array:
-        """Residuals (R, n) of each run held out under a fit."""
-        return held_out_residuals(self.held, self.bins, found)
+    def squares(self, model: Rated) -> Array:
+        """Mean square errors (R,) of the runs held out under a model fitted to the others."""
+        if not model.ids:
+            return mean_squares(self.residuals)
+        found = self.plain if model.ids == frozenset(self.plain.structure.ids) else self.fitted(model)[1]
+        return run_errors(self.held, self.bins, found)
 
 
 def held_out_parts(channel: Channel, problem: Problem, plain: Rated) -> list[HeldOutPart]:
@@ -258,7 +261,7 @@ def measure_gain(channel: Channel, parts: Sequence[HeldOutPart], base: Structure
             tried = [one.fitted(best)]
             tried += [_fitted(one.part, one.bump, best, structure, one.train) for structure in smaller]
             tried.append((one.value, one.plain))
-            under_chosen = one.residuals_under(max(tried, key=lambda found: found[0])[1])
+            under_chosen = held_out_residuals(one.held, one.bins, max(tried, key=lambda found: found[0])[1])
         before[one.test], after[one.test] = mean_squares(one.residuals), mean_squares(under_chosen)
         left |= dict(zip(one.test.tolist(), zip(one.residuals, under_chosen, strict=True), strict=True))
     return replace(summarise(before, after, noise.while_moving, kinds(channel)), held=_as_held_out(channel, left))
@@ -279,16 +282,7 @@ def _as_held_out(channel: Channel, left: Mapping[int, tuple[Array, Array]]) -> H
 
 def held_out_squares(parts: Sequence[HeldOutPart], model: Rated) -> Array:
     """Mean square errors (R,) of the runs that can be held out under a model that was fitted anew without them."""
-    squares = []
-    for one in parts:
-        own, found = model.fit.structure, one.plain
-        if not own.ids:
-            squares.append(mean_squares(one.residuals))
-            continue
-        if own.ids != found.structure.ids:
-            _, found = one.fitted(model)
-        squares.append(mean_squares(one.residuals_under(found)))
-    return np.concatenate(squares)
+    return np.concatenate([one.squares(model) for one in parts])
 
 
 def _fitted(

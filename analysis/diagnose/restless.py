@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from scipy import special
 from scipy.optimize import minimize_scalar
 
-from shockrig.analysis.diagnose.adequacy import BURST_SIGMAS, BURSTS, Adequacy, factors, plateaus, plateaus_of
+from shockrig.analysis.diagnose.adequacy import factors
 from shockrig.analysis.diagnose.grammar import levels
+from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.estimate.channel import Channel, rebin
-from shockrig.analysis.estimate.noise import estimate_noise
+from shockrig.analysis.estimate.noise import Noise, estimate_noise
 from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA, rounding_step
 from shockrig.files.causes import Uncertain
 from shockrig.files.diagnosis_data import Discovered, EffectSize
@@ -24,6 +25,7 @@ from shockrig.files.diagnosis_data import Discovered, EffectSize
 Array = NDArray[np.float64]
 
 LEAST_P_VALUE = 1e-3  # of so much by accident, above which a finding is none
+LEAST_PLATEAU = 64  # samples of a plateau that tells anything of single readings
 LONGEST_S = 60.0  # of a plateau, in one spectrum
 PER_WIDTH = 4  # frequencies in the width of a line
 LINE_TURNS = 4.0  # of a hum in a plateau, from which on it is no slow wandering
@@ -36,7 +38,8 @@ LEFT_OUT_SIGMAS, NEAR_BURST_S = 3.0, 0.5  # robust standard deviations of a burs
 # relative uncertainty of a slope over a factor, and its size, from which it says nothing:
 SHARP_SLOPE = 0.15
 SLOPE_SIGMAS = 3.0
-EXPECTED_SHARE = 3e-4  # share of readings that are absurd in real logs
+BURST_SIGMAS = 5.5  # standard deviations from which on a reading belongs to a burst
+A_HANDFUL, EXPECTED_SHARE = 1.5, 3e-4  # readings that are absurd in real logs, and their share
 NEAR_TURN, LEAST_READINGS = 0.3, 8  # of a turn over a run; of a plateau that tells a swing
 FEWEST_PLATEAUS = 4  # plateaus of a condition that is held out; twice as many tell a hum
 NAMES = {"ambient": "ambient", "airflow": "airflow", "step": "direction", "run order": "run_order"}
@@ -51,22 +54,10 @@ class _Plateau:
 
 def whole_conditions(channel: Channel) -> Iterator[NDArray[np.bool_]]:
     """The runs (R,) of each condition that a finding may be tried on."""
-    for level in levels(channel).values():
-        yield from (level == one for one in np.unique(level))
+    for own in levels(channel).values():
+        yield from (own == one for one in np.unique(own))
     if channel.jumps_with_air and channel.isothermal.any() and (~channel.isothermal).any():
         yield from (~channel.isothermal, channel.isothermal)
-
-
-def nothing_else(adequacy: Adequacy, found: tuple[Discovered, ...]) -> bool:
-    """Whether what was described of single readings is all that the tests say is left."""
-    return bool(found) and {check.name for check in adequacy.failing} <= {BURSTS}
-
-
-def restless(channel: Channel, adequacy: Adequacy) -> tuple[Discovered, ...]:
-    """Bursts, where the test of single readings fails and every condition shows them; none elsewhere."""
-    failing = {check.name for check in adequacy.failing}
-    found = _bursts(channel, _pieces(channel)) if BURSTS in failing else None
-    return () if found is None else (found,)
 
 
 def without_hum(channel: Channel) -> tuple[Channel, Discovered | None]:
@@ -75,7 +66,7 @@ def without_hum(channel: Channel) -> tuple[Channel, Discovered | None]:
     A hum is looked for from the lowest frequency that a plateau shows: as the line that stands out most beside the
     spectrum around it, and then out of the noise as it is estimated once the line is gone, which cannot imitate it.
     """
-    pieces = [p for p in _pieces(channel) if _spread(p.value) > 0.0]  # one that mostly repeats a value has no spectrum
+    pieces = [p for p in plateaus(channel) if _spread(p.value) > 0.0]  # one that mostly repeats a value has no spectrum
     line_hz = _highest_line(channel, pieces) if len(pieces) >= 2 * FEWEST_PLATEAUS else None
     if line_hz is None:
         return channel, None
@@ -112,8 +103,22 @@ def without_hum(channel: Channel) -> tuple[Channel, Discovered | None]:
     return (channel, None) if chance > LEAST_P_VALUE**2 else (quiet, hum)
 
 
-def _pieces(channel: Channel) -> list[_Plateau]:
-    return [_Plateau(run, t[t - t[0] < LONGEST_S], y[t - t[0] < LONGEST_S]) for run, t, y in plateaus(channel)]
+def plateaus_of(time: Array, period_s: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """The readings of a run (n,) before the transfer and at its end."""
+    return time < -2 * period_s, time > 0.67 * time[-1]
+
+
+def plateaus(channel: Channel) -> Iterator[_Plateau]:
+    """Each plateau of a channel, a slow bend taken off, as far as it is looked at."""
+    period = channel.sampling_period_s
+    for run, ((time, value), air) in enumerate(zip(channel.samples, channel.air, strict=True)):
+        if air is not None:
+            continue  # there is no plateau in a record that was driven all along
+        for part in plateaus_of(time, period):
+            t, y = time[part], value[part]
+            if y.size >= LEAST_PLATEAU and np.ptp(y) > 0:
+                early = t - t[0] < LONGEST_S
+                yield _Plateau(run, t[early], (y - np.polyval(np.polyfit(t, y, 2), t))[early])
 
 
 def _whole_runs(channel: Channel, frequency_hz: float, size: float) -> tuple[float, float]:
@@ -251,27 +256,24 @@ def _independent(channel: Channel, run: NDArray[np.int64], amplitude: Array) -> 
     return tuple(free)
 
 
-def _bursts(channel: Channel, pieces: list[_Plateau]) -> Discovered | None:
-    """Bursts by the size of their readings; None where not every condition shows them."""
+def bursts(channel: Channel, noise: Noise, least: float) -> Discovered | None:
+    """Bursts by the size of their readings [unit]; None where there are no more than what real logs hold by accident,
+    or they are smaller than `least`."""
+    pieces = list(plateaus(channel))
     # A plateau that stands at one code has no spread of its own.
-    usual = float(np.median([p.value.std() for p in pieces]))
-    far = [np.abs(p.value) > BURST_SIGMAS * max(_spread(p.value), usual) for p in pieces]
-    run = np.array([p.run for p in pieces])
-    count, outside = np.array([p.value.size for p in pieces]), np.array([int(f.sum()) for f in far])
-    for runs in whole_conditions(channel):
-        test = runs[run]
-        expected = 1.5 + EXPECTED_SHARE * count[test].sum()
-        if test.sum() >= FEWEST_PLATEAUS and special.pdtrc(outside[test].sum() - 1, expected) > LEAST_P_VALUE:
-            return None
+    far = [np.abs(p.value) > BURST_SIGMAS * max(_spread(p.value), noise.standard_deviation) for p in pieces]
+    count, outside = sum(p.value.size for p in pieces), sum(int(f.sum()) for f in far)
+    if not outside or special.pdtrc(outside - 1, A_HANDFUL + EXPECTED_SHARE * count) > level("adequacy"):
+        return None
     values = np.concatenate([p.value[f] for p, f in zip(pieces, far, strict=True)])
-    if values.size == 0:
+    size = float(np.sqrt((values**2).mean()))
+    if size < least:
         return None
     # Readings of one burst go together: they count as one.
-    bursts = sum(int((np.diff(f.astype(int)) == 1).sum() + f[0]) for f in far)
-    size = float(np.sqrt((values**2).mean()))
+    times = sum(int((np.diff(f.astype(int)) == 1).sum() + f[0]) for f in far)
     return Discovered(
         behaves_as="bursts",
         driver="none",
-        size=EffectSize(size, size / np.sqrt(2.0 * max(bursts, 1)), channel.quantity.unit),
+        size=EffectSize(size, size / np.sqrt(2.0 * max(times, 1)), channel.quantity.unit),
         probability=1.0,
     )

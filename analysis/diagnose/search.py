@@ -11,7 +11,7 @@ import itertools
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -443,18 +443,12 @@ class Race:
         done: set[frozenset[str]] = set()
         while current.ids not in done:
             done.add(current.ids)
-            best = current
-            for effect in sorted(current.ids - self.fixed):
-                other = self.forward(self.without(current, effect), among, frozenset({effect}))
-                if other is not None and other.value > best.value:
-                    best = other
-            if best is current and len(current.ids - self.fixed) > 2:
-                # Two that each do half of it may stand in the place of one.
-                for two in itertools.combinations(sorted(current.ids - self.fixed), 2):
-                    less = self.without(self.without(current, two[0]), two[1])
-                    other = self.forward(less, among, frozenset(two))
-                    if other is not None and other.value > best.value:
-                        best = other
+            best, own = current, sorted(current.ids - self.fixed)
+            # Two that each do half of it may stand in the place of one.
+            for size in (1, 2) if len(own) > A_PAIR else (1,):
+                for gone in itertools.combinations(own, size) if best is current else ():
+                    other = self.forward(reduce(self.without, gone, current), among, frozenset(gone))
+                    best = best if other is None else max(best, other, key=_value)
             if best is not current:
                 current = self.grown(self.pruned(best), among)
         return current

@@ -20,8 +20,6 @@ class Standing:
         What single readings show that no entry of the catalogue accounts for: a hum, bursts, a rounding.
     left_over, matters : bool
         Whether that model leaves more than chance does on unseen runs, and whether as much as the tolerance.
-    only_readings : bool
-        Whether all that is left is what single readings were shown to do.
     parted : bool
         Whether a check of the input says that the runs fall into groups which the model does not part.
     borne_out : bool
@@ -35,7 +33,6 @@ class Standing:
     shown: int = 0
     left_over: bool = False
     matters: bool = False
-    only_readings: bool = False
     parted: bool = False
     borne_out: bool = True
     claims: bool = True
@@ -44,13 +41,11 @@ class Standing:
 def verdict(s: Standing) -> Verdict:
     """The verdict.
 
-    Something that is left and matters is unexplained, unless all of it is what single readings were shown to do. A form
-    or something shown makes a description; effects of the catalogue alone, an explanation. A model with nothing added
-    is adequate, where no candidate predicts unseen runs better (or it would not have the largest weight) and no check
-    of the input speaks against it.
+    Something that is left and matters is unexplained. A form or something shown makes a description; effects of the
+    catalogue alone, an explanation. A model with nothing added is adequate, where no candidate predicts unseen runs
+    better (or it would not have the largest weight) and no check of the input speaks against it.
     """
-    spoilt = s.left_over and s.matters and not s.only_readings
-    if spoilt or (s.parted and not s.forms):
+    if (s.left_over and s.matters) or (s.parted and not s.forms):
         return "unexplained"
     if not s.borne_out and s.named and not s.claims:
         return "unexplained"  # a shape that no other run has borne out explains nothing

@@ -45,10 +45,10 @@ class Choice:
 
     shock: PlannedShock
     minutes: float
-    worth: float
-    goals: float
-    information: float
-    evidence: float
+    worth: float = 0.0
+    goals: float = UNTOLD
+    information: float = UNTOLD
+    evidence: float = UNTOLD
     beside: float = 0.0
 
     @property
@@ -165,4 +165,4 @@ def chase(
         chosen = replace(farthest(designs.choosable, campaign.runs), why="nothing like it has been recorded")
     else:
         return []
-    return [Choice(chosen, minutes.of(before, chosen), 0.0, UNTOLD, UNTOLD, UNTOLD)][:count]
+    return [Choice(chosen, minutes.of(before, chosen))][:count]

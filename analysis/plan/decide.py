@@ -34,7 +34,7 @@ from shockrig.analysis.estimate.model import Point, Structure
 from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, looked_for
 from shockrig.analysis.fleet.fleet_prior import WithFleet, with_population
-from shockrig.analysis.plan.choose import UNTOLD, Choice, chase, choose_runs
+from shockrig.analysis.plan.choose import Choice, chase, choose_runs
 from shockrig.analysis.plan.decision import (
     CONTINUE,
     INCONCLUSIVE,
@@ -175,7 +175,8 @@ def _not_student(said: float, degrees: int) -> float:
 
 
 LEAST_GAIN = 0.01  # of a goal, by the best run of the menu: it would take a hundred, if nobody gives minutes for them
-MOST_BEFORE_JUDGED = 24  # runs: a channel of which fewer than can be judged were usable by then is given up
+# Runs by which a channel is given up that none has shown, or of which fewer were usable than can be judged.
+MOST_FIRST, MOST_BEFORE_JUDGED = 8, 24
 FEW = "too few to judge by"
 Progress = Callable[[str], None]
 Found = Mapping[str, Characterization | None]  # of each probe
@@ -257,10 +258,11 @@ def decide(
     met = all(t.met for t in wanted) and not any(v.tied for v in verdicts.values())
     # What depends on a direction or an airflow that no run has had can be no finding.
     unvaried = goals.ties and bool(variety(looks, menu_of(found, looks, goals, usual, allowed)).any())
-    first = _first(campaigns, goals, found, usual, allowed)
-    short = {place: look for place, look in looks.items() if look.short and goals.ties}
-    if met and short and not first:
-        first = _more_of_them(campaigns, goals, usual, allowed, short)
+    few = tuple(place for place, look in looks.items() if look.short and goals.ties) if met else ()
+    first = _opening(campaigns, goals, usual, allowed, _lacking(campaigns, goals, found))
+    if few and not first and len(recorded) < MOST_BEFORE_JUDGED:
+        too_few = {name for place, (_, name) in places(campaigns).items() if place in few}
+        first = [replace(one, why=FEW) for one in _opening(campaigns, goals, usual, allowed, too_few)]
     if met and recorded and not unvaried and not first:
         judged = verdicts
         looks, verdicts = _look(campaigns, verdicts, True, later, made, progress)
@@ -271,7 +273,6 @@ def decide(
     chased = before.chased if before is not None else 0
     new = set(recorded) - set(before.recorded if before is not None else ())
     gained = _gained(new, found, wanted)
-    few = tuple(short) if met else ()
     state = Decision("", "", recorded, spent, tuple(wanted), verdicts, (), (), chased, unvaried, gained, few)
     anchor = None if campaign is None or not campaign.runs else campaign.runs[0]
     designs = Designs.of(found, looks, wanted, goals, usual, allowed, anchor, population, fleets)
@@ -279,7 +280,7 @@ def decide(
         return replace(state, status=ended[0], reason=ended[1])
     minutes = learn(campaign)
     if first:
-        chosen = [Choice(s, minutes.of(None, s), 0.0, UNTOLD, UNTOLD, UNTOLD) for s in first][:count]
+        chosen = [Choice(s, minutes.of(None, s)) for s in first][:count]
         considered = tuple(chosen)
     else:
         chosen, considered = choose_runs(designs, minutes, () if campaign is None else campaign.runs, count)
@@ -411,44 +412,31 @@ def _gained(new: Collection[str], found: Found, wanted: Sequence[Target]) -> flo
     return sum(gained_by(new, own, [t for t in wanted if t.probe == probe]) for probe, own in found.items())
 
 
-def _first(
-    campaigns: Sequence[Campaign], goals: Goals, found: Found, usual: Usual, allowed: Callable[[PlannedShock], bool]
-) -> list[PlannedShock]:
-    """The runs that a campaign begins with, as far as it lacks them: those that show a channel which none has shown.
-
-    Any other of the menu will do where the bench can make none of these, or the operator wants none.
-    """
-    middle = sorted(goals.ambients_c, key=lambda t: abs(t - USUAL_C))[0]
-    begin = {shock: _shown_by(shock) for shock in opening(middle, usual) if usual.allows(shock)}
-    if campaigns and len(campaigns[0].runs) >= 2 * len(begin):
-        return []
-    wanted = [name for name in QUANTITIES if goals.ties or name in goals.channels]
-    lacking = set() if campaigns else set(wanted)
-    for one in campaigns:
-        own = found[one.probe]
-        known = {} if own is None else own.channels()
-        lacking |= {n for n in wanted if QUANTITIES[n].sensor in one.sensors and n not in known}
-    fitting = [shock for shock, channel in begin.items() if channel in lacking]
-    others = [shock for shock in deciding_menu([middle], usual) if _shown_by(shock) in lacking]
-    return [shock for shock in fitting if allowed(shock)] or [s for s in others if allowed(s)][: len(fitting)]
+def _lacking(campaigns: Sequence[Campaign], goals: Goals, found: Found) -> set[ChannelName]:
+    """Channels that no run has shown, unless the first runs were many and showed nothing."""
+    wanted = {name for name in QUANTITIES if goals.ties or name in goals.channels}
+    if not campaigns or len(campaigns[0].runs) >= MOST_FIRST:
+        return set() if campaigns else wanted
+    known = {one.probe: own.channels() if (own := found[one.probe]) else {} for one in campaigns}
+    return {n for n in wanted for one in campaigns if QUANTITIES[n].sensor in one.sensors and n not in known[one.probe]}
 
 
-def _more_of_them(
+def _opening(
     campaigns: Sequence[Campaign],
     goals: Goals,
     usual: Usual,
     allowed: Callable[[PlannedShock], bool],
-    short: Mapping[Place, ChannelLook],
+    lacking: Collection[ChannelName],
 ) -> list[PlannedShock]:
-    """Runs that show channels of which too few are there to judge by, those of rarer directions first."""
+    """The runs that a campaign begins with, as far as they show some channels, those of rarer directions first.
+
+    Any other of the menu will do where the bench can make none of these, or the operator wants none.
+    """
     middle = sorted(goals.ambients_c, key=lambda t: abs(t - USUAL_C))[0]
-    names = {name for place, (_, name) in places(campaigns).items() if place in short}
-    begin = [s for s in opening(middle, usual) if usual.allows(s) and allowed(s) and _shown_by(s) in names]
-    runs = campaigns[0].runs
-    if len(runs) >= MOST_BEFORE_JUDGED:
-        return []
-    there = [_way(shock) for run in runs if (shock := shock_of(run)) is not None]
-    return [replace(s, why=FEW) for s in sorted(begin, key=lambda s: there.count(_way(s)))]
+    begin = [s for s in opening(middle, usual) if usual.allows(s) and _shown_by(s) in lacking]
+    others = [s for s in deciding_menu([middle], usual) if _shown_by(s) in lacking and allowed(s)]
+    there = [_way(s) for one in campaigns[:1] for run in one.runs if (s := shock_of(run)) is not None]
+    return sorted(filter(allowed, begin), key=lambda s: there.count(_way(s))) or others[: len(begin)]
 
 
 def _way(shock: PlannedShock) -> tuple[bool, bool]:

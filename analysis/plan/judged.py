@@ -177,7 +177,7 @@ def look_at(
     anew = final or now.decided or before.runs == 0 and channel.runs >= 2 * FEWEST_RUNS
     if not anew and now.dispute is None:
         current = _fitted(ready.problem, now.causes, base)
-        passed = judge(ready.problem, current, ready.noise).passed
+        passed = judge(ready.problem, current).passed
         anew = (not passed or before.left) and channel.runs >= max(MORE_RUNS * before.runs, before.runs + 1)
     wanted = channel.runs > before.runs or (final and not before.final)
     if anew and wanted and made is not None and made.runs == channel.run_ids:
@@ -260,7 +260,7 @@ def _taken(found: ChannelOutcome, before: Verdict, final: bool, ready: Prepared)
 def _enough(ready: Prepared, explanations: Sequence[Explanation]) -> Explanation | None:
     """The first of some explanations that leaves nothing but noise."""
     for one in explanations:
-        if judge(ready.problem, _fitted(ready.problem, one, ready.structure), ready.noise).passed:
+        if judge(ready.problem, _fitted(ready.problem, one, ready.structure)).passed:
             return one
     return None
 

@@ -208,7 +208,7 @@ def test_the_response_says_how_long_a_mean_is_of_which_every_sixth_reading_is_sh
     thinned = rebin(channel, shown, [at[::6] for at in channel.bin_of], tuple(d[::6] for d in channel.die_samples), 6)
     ready = prepare(thinned, 13)
     found = search(ready.problem, ready.structure, describing=False)
-    assert likelier_average(ready, found, judge(ready.problem, found.best.fit, ready.noise).passed) == 10
+    assert likelier_average(ready, found, judge(ready.problem, found.best.fit).passed) == 10
 
 
 def test_readings_over_again_are_no_mean(late):

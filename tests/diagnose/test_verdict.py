@@ -25,9 +25,6 @@ LEFT = {"left_over": True, "matters": True}
         (Standing(named=1, **LEFT), "unexplained"),
         (Standing(forms=1, **LEFT), "unexplained"),
         (Standing(shown=1, **LEFT), "unexplained"),
-        # All of it is what single readings were shown to do.
-        (Standing(shown=1, only_readings=True, **LEFT), "described"),
-        (Standing(named=1, shown=1, only_readings=True, **LEFT), "described"),
         # The input says that the runs fall into groups.
         (Standing(parted=True), "unexplained"),
         (Standing(named=2, parted=True), "unexplained"),

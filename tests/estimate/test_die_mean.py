@@ -69,7 +69,7 @@ def test_a_delay_beside_a_die_is_adequate(tmp_path):
     structure = ready.structure.adding(CATALOGUE["die_thermal_lag"]).adding(CATALOGUE["dead_time"])
     begun = Model(channel, structure).start(plain.log_rates, {"dead_time.delay_s": 0.4})
     found = refit(ready.problem, structure, fit(ready.problem, structure, begun, channel.at_rest()))
-    assert judge(ready.problem, found, ready.noise).passed
+    assert judge(ready.problem, found).passed
     value, spread = found.values()["dead_time"]["delay_s"]
     assert abs(value - 0.4) < 2.5 * spread < 0.02
 
