@@ -13,13 +13,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 from scipy.special import bdtrc
 
 from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
-from shockrig.analysis.flight.stretches import BY_CHANCE, FELT_SHARE, Felt, judge, scatter, within
+from shockrig.analysis.flight.columns import exchanged
+from shockrig.analysis.flight.stretches import FELT_SHARE, Felt, judge, scatter, within
 from shockrig.analysis.flight.sweep import COARSE_IN_NOISE
 from shockrig.files.flight import Flight
 from shockrig.files.numbers import counted
@@ -32,12 +32,9 @@ Mask = NDArray[np.bool_]
 # What in a log is no reading of its column: codes for no value, which are missing from here on, and rows whose two
 # columns stand in one another's place, which are put back. Both are counted.
 
-MOST_SHARE_OFF = 0.25  # of how far both columns go, that they are from the other's last values where they change place
-WARM_C = 35.0  # few airs are flown in that are warmer
-BESIDE_ROWS = 3  # rows on either side
-LEAST_COLUMNS_APART = 2.0  # K or %RH; columns that are closer cannot be told from one another
 PASCAL = "pressure_hpa: pascal"
 EXCHANGED = "temperature and humidity, each in the other's place"
+UNSURE = "temperature and humidity, of which nothing tells whether they are in one another's place"
 # quantity -> field of a flight, and what a reading of it can be
 FIELDS = {
     "time": ("time_s", ""),
@@ -71,15 +68,12 @@ def without_codes(flight: Flight) -> tuple[Flight, dict[str, Mask]]:
     flight = replace(flight, **changed)
     if (pascal := _in_pascal(flight.pressure_hpa)).any():
         found[PASCAL], flight = pascal, replace(flight, pressure_hpa=flight.pressure_hpa / 100.0)
-    exchanged = _exchanged(flight.temperature_c, flight.humidity_percent)
-    if exchanged.any():
-        found[EXCHANGED] = exchanged
-        of_bead, of_film = flight.temperature_c, flight.humidity_percent
-        flight = replace(
-            flight,
-            temperature_c=np.where(exchanged, of_film, of_bead),
-            humidity_percent=np.where(exchanged, of_bead, of_film),
-        )
+    both = np.stack([flight.temperature_c, flight.humidity_percent])
+    other, unsure = exchanged(both, [resolution_of(values[np.isfinite(values)]) for values in both])
+    found |= {name: rows for name, rows in ((EXCHANGED, other & ~unsure), (UNSURE, unsure)) if rows.any()}
+    if found.keys() & {EXCHANGED, UNSURE}:
+        temperature, humidity = np.where(unsure, np.nan, np.where(other, both[::-1], both))
+        flight = replace(flight, temperature_c=temperature, humidity_percent=humidity)
     return flight, found
 
 
@@ -90,175 +84,6 @@ def _in_pascal(pressure: Array) -> Mask:
     return known & (usual > possible.high) & possible.holds(usual / 100.0)
 
 
-def _exchanged(temperature: Array, humidity: Array) -> Mask:
-    """Rows (n,) in stretches that begin and end where each column goes on from the other: of both kinds of stretch the
-    one with warmer rows than air mostly has, or else the one with fewer rows."""
-    exchanged = np.zeros(temperature.shape, dtype=bool)
-    # of what may be a reading of either
-    can_be = RANGES["humidity_reading_percent"]
-    both = np.stack([temperature, humidity])
-    read = (both >= can_be.low) & (both <= can_be.high)
-    rows = np.flatnonzero(read.all(axis=0))
-    if rows.size < 2 * BESIDE_ROWS + 1:
-        return exchanged
-    middle = _ends(temperature[rows], humidity[rows])
-    # where one end is not seen, it may be where a stretch in degF begins or ends as well, or behind a code that stands
-    if middle.size % 2 and (also := _ends(temperature[rows], humidity[rows], degf=True)).size == middle.size + 1:
-        middle = also
-    if middle.size % 2:
-        moving = read & ~np.array([_stands(values) for values in both])
-        fewer = np.flatnonzero(moving.all(axis=0))
-        also = _ends(temperature[fewer], humidity[fewer]) if fewer.size > 2 * BESIDE_ROWS else middle
-        if also.size == middle.size + 1:
-            middle, rows, read = also, fewer, moving
-    if middle.size == 1:
-        # the other end may lie where one of them lacks: it holds what it did last
-        either = np.flatnonzero(read.any(axis=0))
-        last = np.maximum.accumulate(np.where(read, np.arange(temperature.size), -1), axis=1)[:, either]
-        either, last = either[(last >= 0).all(axis=0)], last[:, (last >= 0).all(axis=0)]
-        of_bead, of_film = np.take_along_axis(both, last, axis=1)
-        turn = int(np.searchsorted(either, rows[middle[0]]))
-        odd = _from_one_end(of_bead, of_film, turn)[np.searchsorted(either, rows)]
-    else:
-        odd = np.searchsorted(middle, np.arange(rows.size), side="right") % 2 == 1
-    if middle.size != 1 and odd.any():
-        odd = odd if _exchanged_rather(temperature[rows], odd) else ~odd
-    if odd.any():
-        # rows beside them in which one column is missing are of the kind that the other is like
-        every = np.arange(temperature.size)
-        wider = np.interp(every, rows, odd.astype(float))
-        t, h = (np.interp(every, rows[~odd], v[rows[~odd]]) for v in both)
-        of_bead, of_film = np.where(read, both, np.nan)
-        crossed = (np.abs(of_bead - h) < np.abs(of_bead - t)) | (np.abs(of_film - t) < np.abs(of_film - h))
-        exchanged = (wider == 1.0) | ((wider > 0.0) & crossed)
-    return exchanged
-
-
-def _stands(values: Array) -> Mask:
-    """Rows (n,) where a column holds one value for longer than chance has it do as it mostly goes: a code, or a sensor
-    that is stuck, says nothing of what the column holds."""
-    same = np.diff(values, prepend=np.nan) == 0.0
-    ends = np.flatnonzero(np.diff(same, prepend=False, append=False)).reshape(-1, 2)
-    lasting = np.diff(ends, axis=1)[:, 0]
-    share = np.count_nonzero(same) / max(same.size, 1)
-    stands = np.zeros(values.shape, dtype=bool)
-    for first, behind in ends[lasting * np.log(max(share, 1e-9)) < np.log(BY_CHANCE)]:
-        stands[first - 1 : behind] = True
-    return stands
-
-
-def _ends(temperature: Array, humidity: Array, degf: bool = False) -> NDArray[np.int64]:
-    """Rows at which the columns change place."""
-    # something else may have changed in the row beside
-    either = ((BESIDE_ROWS, BESIDE_ROWS), (1, BESIDE_ROWS), (BESIDE_ROWS, 1))
-    turns = np.logical_or.reduce([_turns(temperature, humidity, *sides, degf) for sides in either])
-    return _middles(turns)
-
-
-def _middles(turns: Mask) -> NDArray[np.int64]:
-    """The middle row of each stretch: a median turns for some rows."""
-    ends = np.flatnonzero(np.diff(np.concatenate([[0], turns.astype(int), [0]])))
-    return np.asarray((ends[::2] + ends[1::2] - 1) // 2)
-
-
-def _from_one_end(temperature: Array, humidity: Array, turn: int) -> Mask:
-    """Rows (n,) of a stretch of which one end is seen: the other is where one column alone goes on from the other's
-    last values (the second changed by something else there), or where the columns meet, since nothing tells behind that
-    which is which; of the two sides the one with such an end, the one where they meet by a jump (one of them was stuck
-    as the other changed its place), the one with warmer rows than air mostly has, or else the shorter one."""
-    apart = np.abs(temperature - humidity)
-    met = np.flatnonzero(apart < LEAST_COLUMNS_APART)
-    rows = np.arange(temperature.size)
-    first, last = np.max(met[met < turn], initial=-1), np.min(met[met >= turn], initial=rows.size)
-    half = _half_turns(temperature, humidity)
-    half_before = half[(half > first) & (half <= turn - BESIDE_ROWS)]
-    half_after = half[(half < last) & (half >= turn + BESIDE_ROWS)]
-    if bool(half_before.size) != bool(half_after.size):
-        ends = (half_before[-1], turn) if half_before.size else (turn, half_after[0])
-        return (rows >= ends[0]) & (rows < ends[1])
-    before, after = (rows > first) & (rows < turn), (rows >= turn) & (rows < last)
-    opens, closes = (_jumps(apart[max(k - BESIDE_ROWS, 0) : k], apart[k : k + BESIDE_ROWS]) for k in (first + 1, last))
-    if opens != closes:
-        return before if opens else after
-    both = before | after
-    return after if _exchanged_rather(temperature[both], after[both]) else before
-
-
-def _half_turns(temperature: Array, humidity: Array) -> NDArray[np.int64]:
-    """Rows from which one column goes on from the other's last values, by a jump."""
-    (t, after_t), (h, after_h) = (
-        (np.median(around[:-BESIDE_ROWS], axis=1), np.median(around[BESIDE_ROWS:], axis=1))
-        for around in (sliding_window_view(v, BESIDE_ROWS) for v in (temperature, humidity))
-    )
-    turns = np.zeros(t.shape, dtype=bool)
-    for of, other, behind in ((t, h, after_t), (h, t, after_h)):
-        gone = np.abs(behind - of)
-        turns |= (gone > LEAST_COLUMNS_APART) & (np.abs(behind - other) < MOST_SHARE_OFF * gone)
-    return _middles(turns) + BESIDE_ROWS
-
-
-def _exchanged_rather(temperature: Array, some: Mask) -> bool:
-    """Whether `some` (n,) rows are rather the exchanged ones than the others: they are warmer than air mostly is, or
-    else fewer. Their median says so, since a part of either may be in another unit."""
-    if some.all() or not some.any():
-        return not some.all()
-    hot, others = (bool(np.median(temperature[kind]) > WARM_C) for kind in (some, ~some))
-    return hot if hot != others else bool(np.count_nonzero(some) <= some.size / 2)
-
-
-def _jumps(before: Array, behind: Array) -> bool:
-    """Whether values (up to BESIDE_ROWS each) stay on either side of a jump, as in a burst of noise they do not."""
-    if not (before.size and behind.size):
-        return False
-    size = abs(float(np.median(behind) - np.median(before)))
-    return bool(size > LEAST_COLUMNS_APART and max(np.ptp(before), np.ptp(behind)) < MOST_SHARE_OFF * size)
-
-
-def _turns(temperature: Array, humidity: Array, before: int, behind: int, degf: bool) -> Mask:
-    """Rows (n,) from which each column goes on from the other, by medians over some rows `before` and from there on:
-    single readings may be noise, and where either goes fast, the two may cross. It is no exchange if degF on one side
-    explains as much; with `degf` an exchanged column may be in degF there as well."""
-
-    def level(values: Array, size: int, first: int) -> tuple[Array, Array]:
-        padded = np.pad(values, BESIDE_ROWS, mode="edge")
-        least, most, *more = (padded[first + k : first + k + values.size] for k in (0, size - 1, *range(1, size - 1)))
-        least, most = np.minimum(least, most), np.maximum(least, most)
-        if not more:
-            return 0.5 * (least + most), most - least
-        (middle,) = more  # of up to BESIDE_ROWS rows
-        return np.clip(middle, least, most), np.maximum(most, middle) - np.minimum(least, middle)
-
-    ends = [
-        level(v, *side)
-        for v in (temperature, humidity)
-        for side in ((before, BESIDE_ROWS - before), (behind, BESIDE_ROWS))
-    ]
-    (t, after_t, h, after_h), moved = (one[0] for one in ends), np.max([one[1] for one in ends], axis=0)
-    # the temperature may be in either column, and is in one of them as long as nothing is exchanged
-    of_before, of_behind = _units(t, h), _units(after_t, after_h)
-    ways = {
-        (i, j): _gone_on(of_before[i][0], of_behind[j][0], of_before[i][1], of_behind[j][1])
-        for i in range(len(of_before))
-        for j in range(len(of_behind))
-    }
-    straight = np.min([one[0] for (i, j), one in ways.items() if not i or not j or i == j], axis=0)
-    turns = np.zeros(temperature.shape, dtype=bool)
-    for _, crossed, apart in ways.values() if degf else (ways[0, 0],):
-        turns |= (np.maximum(crossed, moved) < MOST_SHARE_OFF * straight) & (apart > LEAST_COLUMNS_APART)
-    return np.asarray(turns)
-
-
-def _units(one: Array, other: Array) -> tuple[tuple[Array, Array], ...]:
-    """Two columns (n,) as they are, and with either one taken for degF."""
-    return (one, other), ((one - 32.0) / 1.8, other), (one, (other - 32.0) / 1.8)
-
-
-def _gone_on(t: Array, after_t: Array, h: Array, after_h: Array) -> tuple[Array, Array, Array]:
-    """How far (n,) the columns go in all, each from itself and each from the other; and how far apart they are."""
-    straight, crossed = np.abs(after_t - t) + np.abs(after_h - h), np.abs(after_t - h) + np.abs(after_h - t)
-    return straight, crossed, np.abs(t - h)
-
-
 def code_notes(codes: Mapping[str, Mask | int]) -> list[str]:
     """A sentence for each quantity: how many rows of it hold which code."""
     of_quantity: dict[str, list[str]] = {}
@@ -267,6 +92,8 @@ def code_notes(codes: Mapping[str, Mask | int]) -> list[str]:
         count = int(np.count_nonzero(rows)) if isinstance(rows, np.ndarray) else rows
         if count and name == EXCHANGED:
             sentences.append(f"{name} in {counted(count, 'row')}: read there")
+        elif count and name == UNSURE:
+            sentences.append(f"{name}, in {counted(count, 'row')}: taken as missing")
         elif count and name == PASCAL:
             sentences.append("pressure_hpa: no air has so much; taken as Pa, and divided by 100")
         elif count:

@@ -142,7 +142,7 @@ def judge(
     least = float(np.hypot(JUMP_IN_NOISE * noise, JUMP_IN_STEPS * resolution))
     if share > MOST_SHARE:
         least = FARTHEST_SWINGS * swing
-    stuck = _stuck(reading[rows], resolution, noise, scatter(reading[rows]))
+    stuck = stuck_rows(reading[rows], resolution, noise, scatter(reading[rows]))
     rows, lone = _of_this_sensor(rows, reading, lagging, least, swing, share, stuck)
     found.from_elsewhere[:] = believed
     found.from_elsewhere[rows] = False
@@ -156,7 +156,7 @@ def judge(
         if share > MOST_SHARE:
             lone = _unfelt(values, felt, rows, float(np.hypot(JUMP_IN_NOISE * noise, JUMP_IN_STEPS * resolution)))
         found.stood[rows] = _stood(values, lone, resolution, _as_felt(felt, rows, resolution))
-    found.stuck[rows] = held = _stuck(values, resolution, noise, third)
+    found.stuck[rows] = held = stuck_rows(values, resolution, noise, third)
     if share > MOST_SHARE and felt is None:
         return found
     usual = max(noise, resolution / np.sqrt(12.0))
@@ -455,7 +455,7 @@ def _as_felt(felt: Felt, rows: NDArray[np.int64], resolution: float) -> Callable
     return had_to_move
 
 
-def _stuck(values: Array, resolution: float, noise: float, scatter: Array) -> Mask:
+def stuck_rows(values: Array, resolution: float, noise: float, scatter: Array) -> Mask:
     """Rows in stretches that stay within `STUCK_LEVELS` steps of a level for longer than the noise could by chance.
 
     The noise is the least of what is stated and what the flight's quieter stretches show where they do move: a calm

@@ -1,0 +1,244 @@
+"""Which of two columns of a log holds the temperature and which the humidity, row by row.
+
+A log is cut where a column jumps. What the pieces hold is told all at once: each is joined to what its quantity was
+last, whatever lies between, and of all chains of pieces each counts by how likely its joins are. A jump is as likely as
+the inverse of its size squared (Cauchy's distribution), down to what the column usually goes in as many rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
+from shockrig.analysis.flight.stretches import scatter, stuck_rows
+from shockrig.files.ranges import RANGES
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+CUT = 8.0  # times what a column usually goes, that it jumps by between two pieces
+LEVEL_ROWS = 3  # at either end of a piece: single readings may be noise
+NOISE_ROWS = 15
+LONGEST_GAP_ROWS = 5  # within a piece
+STUCK_SHARE = 0.9  # of a piece's readings, in one that says nothing of its quantity
+CHANGE = 7.0  # nats against columns that change place, or unit
+NOTHING = 16.0  # nats against a column that holds neither quantity from a jump on: a code, a burst
+# nats against all of a log being so, and against a part of it by its share
+ALL_NOTHING, ALL_WARM, ALL_ODD = 20.0, 24.0, 6.0  # odd: exchanged, or in degF
+WARM_C = 35.0  # few airs are flown in that are warmer
+LEAST_GONE = 1e-3  # K or %RH: of a column that stands
+SURE = 0.8  # probability of what is done with a row
+CHAINS = 32  # that are followed at once
+
+# What a piece may hold: whether the columns are exchanged, and which of both quantities is in degF: a unit goes with
+# its quantity, or stays with the column that was converted.
+KINDS = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0), (1, 0, 1)])
+# and which of both quantities is read in it: `KIND` (o,), of each quantity `READ`, `COLUMN` and `DEGF` (2, o)
+_OPTIONS = np.array([(kind, t, h) for kind in range(len(KINDS)) for t in (0, 1) for h in (0, 1)])
+KIND, READ = _OPTIONS[:, 0], _OPTIONS[:, 1:].T == 1
+COLUMN = np.stack([KINDS[KIND, 0], 1 - KINDS[KIND, 0]])
+DEGF = KINDS[KIND, 1:].T == 1
+
+
+@dataclass(frozen=True)
+class _Pieces:
+    """Of each piece (p,), its first `row`, and of its columns (2, p) the `count` of readings, the `warm` ones among
+    them, and whether it `begins` with a jump and is `stuck`; and of both its ends (2, 2, p) the `level`, the rows `at`
+    which it is, and the `noise` of the readings there."""
+
+    row: Rows
+    count: Rows
+    warm: Rows
+    begins: Mask
+    stuck: Mask
+    level: Array
+    at: Rows
+    noise: Array
+
+
+@dataclass(frozen=True)
+class _Chains:
+    """Of each chain (c,) its `cost` in nats and its last `kind`; and of both quantities (2, c) the `level`, `row` and
+    `noise` where it was last read, and the `source`: that piece and its kind, in one number; -1 before."""
+
+    cost: Array
+    kind: Rows
+    level: Array
+    row: Rows
+    noise: Array
+    source: Rows
+
+    def at(self, some: Rows) -> _Chains:
+        """Some of them."""
+        of_both = self.level[:, some], self.row[:, some], self.noise[:, some], self.source[:, some]
+        return _Chains(self.cost[some], self.kind[some], *of_both)
+
+
+class _Usual:
+    """How far a column's readings (n,) usually go within so many rows: no less than a step of the log."""
+
+    def __init__(self, values: Array, resolution: float) -> None:
+        self.lags = 2 ** np.arange(max(int(np.log2(values.size)), 1))
+        usual = []
+        for lag in self.lags:
+            gone = np.abs(values[lag:] - values[:-lag])
+            gone = gone[np.isfinite(gone)]
+            usual.append(MAD_TO_SIGMA * float(np.median(gone)) if gone.size else 0.0)
+        self.usual = np.maximum.accumulate(np.maximum(usual, max(resolution, LEAST_GONE)))
+
+    def __call__(self, rows: Rows) -> Array:
+        return np.interp(rows, self.lags, self.usual)
+
+
+def exchanged(columns: Array, resolutions: Sequence[float]) -> tuple[Mask, Mask]:
+    """Rows (n,) in which each of the two `columns` (2, n) holds the other's quantity, and rows of which nothing tells;
+    none in a log that is surely as it should be nowhere, since it may be exchanged from its first row to its last."""
+    none = np.zeros(columns.shape[1], dtype=bool)
+    # of what either can be
+    most = RANGES["temperature_c"]
+    columns = np.where((columns >= most.low) & (columns <= 1.8 * most.high + 32.0), columns, np.nan)
+    known = np.isfinite(columns)
+    if np.count_nonzero(known, axis=1).min() < 2 * NOISE_ROWS:
+        return none, none
+    usual = [_Usual(values, resolution) for values, resolution in zip(columns, resolutions, strict=True)]
+    stuck = [_stuck(values, resolution) for values, resolution in zip(columns, resolutions, strict=True)]
+    pieces = _pieces(columns, usual, np.stack(stuck))
+    share = np.repeat(_share_exchanged(pieces, usual), np.diff(np.append(pieces.row, none.size)))
+    if not (share[known.any(axis=0)] < 1.0 - SURE).any():
+        return none, none
+    # where they are as near as that, either will do
+    alike = np.abs(columns[1] - columns[0]) < CUT * max(one.usual[0] for one in usual)
+    return share > 0.5, (np.abs(share - 0.5) < SURE - 0.5) & known.any(axis=0) & ~alike
+
+
+def _stuck(values: Array, resolution: float) -> Mask:
+    """Rows (n,) at which a column stays as no sensor does that is alive."""
+    rows = np.flatnonzero(np.isfinite(values))
+    noise = scatter(values[rows])
+    stuck = np.zeros(values.shape, dtype=bool)
+    stuck[rows] = stuck_rows(values[rows], resolution, float(np.median(noise)), noise)
+    return stuck
+
+
+def _pieces(columns: Array, usual: list[_Usual], stuck: Mask) -> _Pieces:
+    """The pieces between jumps and gaps of either column (2, n), and where the columns meet."""
+    size = columns.shape[1]
+    known = [np.flatnonzero(np.isfinite(values)) for values in columns]
+    noises, jumps, cuts = [], [], [np.zeros(1, dtype=np.int64)]
+    for values, rows, most in zip(columns, known, usual, strict=True):
+        step, lag = np.abs(np.diff(values[rows], prepend=values[rows[0]])), np.diff(rows, prepend=rows[0])
+        noises.append(MAD_TO_SIGMA * median_filter(step, NOISE_ROWS, mode="nearest"))
+        jumps.append(rows[step > CUT * np.maximum(most(lag), noises[-1])])
+        behind = np.flatnonzero(lag > LONGEST_GAP_ROWS)
+        cuts += [jumps[-1], rows[:1], rows[behind], rows[behind - 1] + 1, rows[-1:] + 1]
+    # where they are as near as that, they may change place without a jump
+    rows = np.intersect1d(known[0], known[1])
+    apart = np.abs(columns[0, rows] - columns[1, rows])
+    usually = max(most.usual[0] for most in usual)
+    ends = np.flatnonzero(np.diff(apart < CUT * usually, prepend=False, append=False)).reshape(-1, 2)
+    for near in (slice(*one) for one in ends.tolist()):
+        met = np.flatnonzero(apart[near] <= max(usually, float(apart[near].min())))
+        cuts.append(rows[near][met[[0, -1]]])
+    row = np.unique(np.concatenate(cuts))
+    row = row[row < size]
+    count, at = np.zeros((2, row.size), dtype=np.int64), np.zeros((2, 2, row.size), dtype=np.int64)
+    level, noise = np.zeros(at.shape), np.zeros(at.shape)
+    for q, (values, rows) in enumerate(zip(columns, known, strict=True)):
+        start = np.searchsorted(rows, np.append(row, size))
+        count[q] = np.diff(start)
+        # of a shorter piece some count twice
+        inside = np.minimum(np.arange(LEVEL_ROWS), np.maximum(count[q] - 1, 0)[:, None])
+        for end, place in enumerate((start[:-1, None] + inside, start[1:, None] - 1 - inside)):
+            some = np.clip(place, 0, rows.size - 1)
+            level[end, q] = np.median(values[rows[some]], axis=1)
+            at[end, q], noise[end, q] = rows[some[:, 0]], noises[q][some[:, 0]]
+    warm, dead = (np.add.reduceat(one, row, axis=1, dtype=np.int64) for one in (columns > WARM_C, stuck))
+    begins = np.stack([np.isin(row, one) for one in jumps])
+    return _Pieces(row, count, warm, begins, (count > 0) & (dead > STUCK_SHARE * count), level, at, noise)
+
+
+def _changes() -> Array:
+    """Nats (kinds, o) against each option behind each kind."""
+    in_column = np.where(KINDS[:, :1] == 1, KINDS[:, :0:-1], KINDS[:, 1:])
+    place = KINDS[:, None, 0] != KINDS[None, :, 0]
+    unit = [(one[:, None] != one[None]).any(axis=2) for one in (KINDS[:, 1:], in_column)]
+    return (CHANGE * (1.0 * place + (unit[0] & unit[1])))[:, KIND]
+
+
+def _share_exchanged(pieces: _Pieces, usual: list[_Usual]) -> Array:
+    """Probability (p,) that the columns are exchanged in each piece, over all chains."""
+    changes, total = _changes(), pieces.count.max(axis=0).sum()
+    unknown = np.full((2, 1), -1)
+    chains = _Chains(np.zeros(1), np.full(1, -1), np.zeros((2, 1)), unknown, np.zeros((2, 1)), unknown)
+    least = np.array([one.usual[0] for one in usual])
+    steps, kinds, costs = [], [], []
+    for k in range(pieces.row.size):
+        count = pieces.count[COLUMN, k]
+        first, last = (np.where(DEGF, (v - 32.0) / 1.8, v) for v in pieces.level[:, COLUMN, k])
+        (at_first, at_last), (before, behind) = pieces.at[:, COLUMN, k], pieces.noise[:, COLUMN, k]
+        own = ALL_NOTHING * (count * ~READ).sum(axis=0) + ALL_WARM * pieces.warm[COLUMN[0], k] * (READ & ~DEGF)[0]
+        own += ALL_ODD * count.max(axis=0) * (DEGF.any(axis=0) + COLUMN[0])
+        own = own / total + 2.0 * np.log(1.8) * (READ & DEGF).sum(axis=0)
+        own[(READ & (count == 0)).any(axis=0)] = np.inf
+        begun = chains.kind[:, None] >= 0
+        cost = chains.cost[:, None] + own + np.where(begun, changes[chains.kind], 0.0)
+        # of a column that was not read in the piece before, and does not jump
+        unread = chains.source // len(KINDS) < k - 1
+        for q, column in enumerate(COLUMN):
+            since = np.maximum(at_first[q] - chains.row[q][:, None], 1)
+            scale = np.where(column == 0, usual[0](since), usual[1](since))
+            scale = np.maximum(scale, np.maximum(before[q], chains.noise[q][:, None]))
+            size = np.hypot(first[q] - chains.level[q][:, None], scale)
+            joined = 2.0 * np.log(size / least[column])
+            same = KINDS[chains.kind, 0][:, None] == COLUMN[0]
+            goes_on = np.where(same, unread[q][:, None], unread[1 - q][:, None]) & begun & ~pieces.begins[column, k]
+            goes_on &= pieces.count[column, k - 1] > 0
+            nothing = np.where(goes_on, 2.0 * np.log(CUT), NOTHING)
+            nothing = np.where(pieces.stuck[column, k] | (count[q] == 0), 0.0, nothing)
+            cost += np.where(READ[q], np.where(chains.row[q][:, None] >= 0, joined, 0.0), nothing)
+        i, j = np.nonzero(np.isfinite(cost))
+        there = np.tile(len(KINDS) * k + KIND, (2, 1))
+        own_last = ((last, chains.level), (at_last, chains.row), (behind, chains.noise), (there, chains.source))
+        now = [np.where(READ[:, j], one[:, j], other[:, i]) for one, other in own_last]
+        found = _Chains(cost[i, j], KIND[j], *now)
+        kept, into = _merged(found)
+        steps.append((i, found.cost - chains.cost[i], into))
+        chains = kept
+        kinds.append(chains.kind)
+        costs.append(chains.cost)
+    # and back from the end, from where each chain goes on
+    behind_it = np.zeros(chains.cost.size)
+    share = np.zeros(pieces.row.size)
+    for k in range(pieces.row.size - 1, -1, -1):
+        whole = costs[k] + behind_it
+        weight = np.exp(whole.min() - whole)
+        share[k] = weight[KINDS[kinds[k], 0] == 1].sum() / weight.sum()
+        i, step, into = steps[k]
+        ahead = np.where(into >= 0, step + behind_it[into], np.inf)
+        behind_it = _together(ahead, i, int(costs[k - 1].size) if k else 1)
+    return share
+
+
+def _together(cost: Array, group: Rows, count: int) -> Array:
+    """Nats (`count`,) against any of those (n,) in each group."""
+    least = np.full(count, np.inf)
+    np.minimum.at(least, group, cost)
+    base = np.where(np.isfinite(least), least, 0.0)
+    weight = np.bincount(group, np.exp(base[group] - cost), count)
+    return base - np.log(np.maximum(weight, 1e-300))
+
+
+def _merged(chains: _Chains) -> tuple[_Chains, Rows]:
+    """The likeliest of some chains (c,), those that go on alike as one, and into which each went, or -1: into none."""
+    _, first, group = np.unique(np.stack([chains.kind, *chains.source]), axis=1, return_index=True, return_inverse=True)
+    cost = _together(chains.cost, group, first.size)
+    order = np.argsort(cost, kind="stable")[:CHAINS]
+    into = np.full(first.size, -1)
+    into[order] = np.arange(order.size)
+    return replace(chains.at(first[order]), cost=cost[order]), into[group]
