@@ -13,13 +13,19 @@ from flight_worlds import World, air, changed, clock, driven, saturation_hpa, th
 Array = np.ndarray
 
 
-def _wake(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
-    """A motor's warm wake over the bead, for a second or two, again and again while it hovers."""
+def _circling(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """Circles in the sun: the bead is in the arm's shade for a part of each."""
     time = np.arange(bead.size) * FINE_S
-    hit = np.zeros(bead.size)
-    for at in np.cumsum(rng.uniform(4.0, 12.0, 40)):
-        hit[(time > at) & (time < at + rng.uniform(0.5, 2.0))] = rng.uniform(0.3, 1.2)
-    return bead + lagged(hit, 0.3), humidity
+    seen = np.cos(2 * np.pi * (time / rng.uniform(12, 30) + rng.random()))
+    return bead + rng.uniform(0.2, 0.8) * lagged(np.maximum(seen, 0.0), 0.5), humidity
+
+
+def _soaked(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """Taken off out of a warm box: the arm warms the air at both sensors for a minute or so, and less and less."""
+    time = np.arange(bead.size) * FINE_S
+    warm = rng.uniform(1.0, 4.0) * np.exp(-time / rng.uniform(15, 50))
+    scale = saturation_hpa(world.temperature_c)
+    return bead + warm, humidity * scale / saturation_hpa(world.temperature_c + warm)
 
 
 def _wet_bead(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
@@ -29,11 +35,6 @@ def _wet_bead(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng)
     wet = (time > start) & (time < start + rng.uniform(20, 60))
     depth = rng.uniform(0.2, 0.5) * (1.0 - np.minimum(humidity, 100.0) / 100.0) * 10.0
     return bead - lagged(np.where(wet, depth, 0.0), 2.0), humidity
-
-
-def _late_die_at_a_door(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
-    die = lagged(world.temperature_c, rng.uniform(8, 15))
-    return bead, humidity * saturation_hpa(world.temperature_c) / saturation_hpa(die)
 
 
 def _dust_cap(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
@@ -151,11 +152,9 @@ def doors(rng: Rng) -> World:
 
 
 FRESH: dict[str, Callable[[Rng], World]] = {
-    "a motor's wake": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _wake),
+    "sun while circling": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _circling),
+    "out of its box": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _soaked),
     "wet bead": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _wet_bead),
-    "door, late die": lambda r: with_sensors(
-        air(r, 24.0 - 12.0 * (clock() > 100.0), 50.0, at_c=12.0, k=0.02, percent=0.1), _late_die_at_a_door
-    ),
     "dust cap": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _dust_cap),
     "thermals": thermals,
     "sea breeze": sea_breeze,

@@ -295,6 +295,20 @@ def _heated_film(world: World, bead: Array, humidity: Array, rate: Array, rng: R
     return bead, humidity * scale / saturation_hpa(world.temperature_c + over)
 
 
+def _wake(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """A motor's warm wake over the bead, for a second or two, again and again while it hovers."""
+    time = np.arange(bead.size) * FINE_S
+    hit = np.zeros(bead.size)
+    for at in np.cumsum(rng.uniform(4.0, 12.0, 40)):
+        hit[(time > at) & (time < at + rng.uniform(0.5, 2.0))] = rng.uniform(0.3, 1.2)
+    return bead + lagged(hit, 0.3), humidity
+
+
+def _late_die_at_a_door(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    die = lagged(world.temperature_c, rng.uniform(8, 15))
+    return bead, humidity * saturation_hpa(world.temperature_c) / saturation_hpa(die)
+
+
 def long_layers(rng: Rng) -> World:
     """Twenty minutes through layers, for a film slower than a window."""
     time = clock(1200.0)
@@ -374,6 +388,10 @@ KINDS: dict[str, Callable[[Rng], World]] = {
     "wet film": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _wet_film),
     "drops on the film": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _drops),
     "heated film": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _heated_film),
+    "a motor's wake": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _wake),
+    "door, late die": lambda r: with_sensors(
+        air(r, 24.0 - 12.0 * (clock() > 100.0), 50.0, at_c=12.0, k=0.02, percent=0.1), _late_die_at_a_door
+    ),
     "second lag": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _second_lag),
     "film in RH": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _by_humidity),
     "late die": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _late_die),

@@ -106,6 +106,7 @@ MOST_TIMES = 100.0  # the variance of what is taken, of such a sensor's or air's
 LIKELIER_THAN_NOT = 0.5
 NEIGHBOUR_MEDIAN = 0.455 * 2.0  # median of the squared difference of two layers, over the variance of one
 PLAYS_PERCENT = (0.5, 1.0, 2.0)  # to either side, of hysteresis
+DRIFT_S = 3.0  # over which a humidity is seen to drift
 DIE_S = 17.0  # by which a humidity chip in flight follows the air (iMet-XQ2 flights: 17 to 19 s)
 SECOND_LAG_RATIOS = (3.0, 10.0)  # times the sensor's slowest lag, of a second one
 LEAST_EXPLAINED = 0.5  # of the difference's mean square, at least
@@ -665,7 +666,8 @@ def seen_by_film(
     # what the humidity is off by if the air did move
     keep = float(np.exp(-typical_period(flight.time_s) / DIE_S))
     late = followed(np.diff(alone, prepend=0.0), keep, 0.0) / (1.0 - keep)
-    of_film = film.value * np.abs(np.log(saturation_pressure_hpa(air) / saturation_pressure_hpa(air - late)))
+    behind = np.log(saturation_pressure_hpa(air) / saturation_pressure_hpa(air - late))
+    of_film = film.value * np.abs(behind)
     of_bead, of_vapour = _slowed(flight.time_s, air, slice(int(moved[0]), int(moved[-1]) + 1), film)
     off = np.hypot(off / np.sqrt(3.0), of_bead)
     if with_them is None or without is None:
@@ -673,7 +675,8 @@ def seen_by_film(
             f"sun, ice or a wake was at the thermometer, or the hygrometer's own temperature is late ({late_die()}); "
             "a log with the temperature of its own would tell"
         )
-        bead, film = bead.doubted(off), film.doubted(np.hypot(of_film, of_vapour))
+        bead = _as_shown(flight.time_s, bead, _none_followed(flight.time_s, alone, behind, film) * alone).doubted(off)
+        film = film.doubted(np.hypot(of_film, of_vapour))
     elif with_them.left_k < without.left_k:
         said += (
             f"the hygrometer's own thermometer follows {with_them.lag_s:.2g} s later, so its temperature is late and "
@@ -682,9 +685,38 @@ def seen_by_film(
         film = film.doubted(of_film)
     else:
         said += "the sun, ice or a wake was at the thermometer, since the hygrometer's own does not follow them either"
-        bead, film = bead.doubted(off), film.doubted(of_vapour)
+        bead, film = _as_shown(flight.time_s, bead, alone).doubted(off), film.doubted(of_vapour)
     notes.append(f"{said}; humidity is corrected without these moves, and uncertainties are widened by them")
     return bead, film
+
+
+def _as_shown(time_s: Array, bead: FlightChannel, alone: Array) -> FlightChannel:
+    """The thermometer's own moves `alone` (n,) as it showed them: they are none of the air's that it lagged behind."""
+    if bead.response is None:
+        return bead
+    lags, _ = lags_behind(alone, bead.response, typical_period(time_s))
+    ahead = np.where(bead.raw, 0.0, alone - (lags * bead.response.weight).sum(axis=1))
+    return replace(bead, value=bead.value - ahead, lag=bead.lag - ahead)
+
+
+def _none_followed(time_s: Array, alone: Array, behind: Array, film: FlightChannel) -> float:
+    """Likelihood that the humidity followed none of what the temperature moved by itself (`alone`, n), over that of the
+    share which it shows: of a late hygrometer its logarithm drifts `behind` (n,) each move, and sun leaves nothing."""
+    humidity = bridged(time_s, np.where(film.value > 0.0, film.value, np.nan))
+    rows = max(int(round(DRIFT_S / typical_period(time_s))), 1)
+    moving = np.cumsum(np.diff(alone, prepend=0.0) != 0.0)
+    still = moving[rows:] == moving[:-rows]
+    if humidity is None or not still.any():
+        return 1.0
+    drift, read = ((values[rows:] - values[:-rows])[still] for values in (behind, np.log(humidity)))
+    read = read - np.median(read)
+    if (square := float(drift @ drift)) == 0.0:
+        return 1.0
+    share = float(drift @ read) / square
+    # changes over as long share readings with those before and behind them
+    variance = 2.0 * rows * float(np.mean((read - share * drift) ** 2)) / square
+    share = float(np.clip(share, 0.0, 1.0))
+    return float(np.exp(-0.5 * share**2 / variance)) if variance > 0.0 else float(share == 0.0)
 
 
 def _slowed(time_s: Array, air: Array, rows: slice, film: FlightChannel) -> tuple[Array, Array]:

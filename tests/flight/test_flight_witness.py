@@ -16,6 +16,7 @@ from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.flight.simulated.weather import convective, frontal
 from shockrig.analysis.flight.smooth_channel import estimate
 from shockrig.analysis.physics.air_exchange import Stream
+from shockrig.analysis.physics.humidity import saturation_pressure_hpa as saturation
 from shockrig.files.ranges import RANGES
 
 PROFILE = typical_profile()
@@ -94,6 +95,33 @@ def test_a_hygrometer_that_is_late_itself_leaves_the_temperature_alone():
     assert np.max(done.humidity_percent * 0.08 * 0.8) < np.max(done.humidity_uncertainty_percent)  # 8 %/K of 1 K
 
 
+def test_what_the_thermometer_moved_by_itself_is_given_as_it_was_read():
+    """Sun is no air that it lagged behind; before, it came out louder than it was read."""
+    flown = fly(cold_air(), PROFILE, 5)
+    log = to_flight(flown.log)
+    plain, sunny = (
+        correct(dataclasses.replace(log, temperature_c=log.temperature_c + more), PROFILE).temperature_c
+        for more in (0.0, lit(log.time_s))
+    )
+    assert rms(sunny - plain - lit(log.time_s)) < 0.5 * rms(lit(log.time_s) - behind(lit(log.time_s), 0.3))
+
+
+def test_a_door_that_a_late_hygrometer_follows_is_corrected_as_one():
+    """Its humidity drifts behind the door for as long as it is late itself, which it would not behind the sun."""
+    scene = cold_air()
+    outside = 12.0 + 0.1 * (scene.temperature_c - COLD["temperature_c"])
+    inside = outside + 12.0 * (scene.time_s < 60.03)
+    calm = 50.0 + 0.1 * (scene.humidity_percent - scene.humidity_percent.mean())
+    humidity = calm * saturation(outside) / saturation(inside)
+    flown = fly(dataclasses.replace(scene, temperature_c=inside, humidity_percent=humidity), PROFILE, 5)
+    log, truth = to_flight(flown.log), flown.truth["temperature_c"].to_numpy()
+    slower = saturation(truth) / saturation(behind(truth, 10.0))
+    late = dataclasses.replace(log, humidity_percent=log.humidity_percent * slower)
+    done = correct(late, PROFILE)
+    assert any("without the humidity" in note for note in done.notes)
+    assert rms(done.temperature_c - truth) < 0.3 * rms(log.temperature_c - truth)
+
+
 def test_a_front_is_the_air_however_fast():
     time_s = np.arange(0.0, 60.0, 0.1)
     rng = np.random.default_rng(1)
@@ -101,8 +129,6 @@ def test_a_front_is_the_air_however_fast():
     stream = Stream(np.full(time_s.size, 5.0), np.full(time_s.size, 1013.0), temperature)
     response = film_response(PROFILE.humidity, temperature, stream)
     everywhere = np.ones(time_s.size, dtype=bool)
-    from shockrig.analysis.physics.humidity import saturation_pressure_hpa as saturation
-
     vapour = 3.0 + 1.5 * behind(1.0 * (time_s > 30.0), 4.0)
     humidity = 100.0 * vapour / saturation(temperature) + 0.05 * rng.standard_normal(time_s.size)
     assert not unseen(time_s, humidity, temperature, 0.01 * everywhere, everywhere, response, 0.05).any()
