@@ -96,25 +96,48 @@ class _Usual:
         return np.interp(rows, self.lags, self.usual)
 
 
-def exchanged(columns: Array, resolutions: Sequence[float]) -> tuple[Mask, Mask]:
-    """Rows (n,) in which each of the two `columns` (2, n) holds the other's quantity, and rows of which nothing tells;
-    none in a log that is surely as it should be nowhere, since it may be exchanged from its first row to its last."""
-    none = np.zeros(columns.shape[1], dtype=bool)
+@dataclass(frozen=True)
+class ColumnsHold:
+    """Rows (n,) in which columns are `exchanged`, and rows of which that is `unsure`; and rows (2, n) in which
+    temperature and humidity, wherever they stand, are in `degf`: parts of the log of which both ends are told."""
+
+    exchanged: Mask
+    unsure: Mask
+    degf: Mask
+
+
+def held(columns: Array, resolutions: Sequence[float]) -> ColumnsHold:
+    """What the columns (2, n) for temperature and humidity hold. A log that is surely as it should be nowhere may be
+    exchanged, or in degF, from its first row to its last: it is taken as it is."""
+    none = np.zeros(columns.shape, dtype=bool)
+    as_it_is = ColumnsHold(none[0], none[0], none)
     # of what either can be
     most = RANGES["temperature_c"]
     columns = np.where((columns >= most.low) & (columns <= 1.8 * most.high + 32.0), columns, np.nan)
     known = np.isfinite(columns)
     if np.count_nonzero(known, axis=1).min() < 2 * NOISE_ROWS:
-        return none, none
+        return as_it_is
     usual = [_Usual(values, resolution) for values, resolution in zip(columns, resolutions, strict=True)]
     stuck = [_stuck(values, resolution) for values, resolution in zip(columns, resolutions, strict=True)]
     pieces = _pieces(columns, usual, np.stack(stuck))
-    share = np.repeat(_share_exchanged(pieces, usual), np.diff(np.append(pieces.row, none.size)))
-    if not (share[known.any(axis=0)] < 1.0 - SURE).any():
-        return none, none
+    read = known.any(axis=0)
+    shares = np.repeat(_shares(pieces, usual), np.diff(np.append(pieces.row, read.size)), axis=1)
+    if not (shares[0, read] > SURE).any():
+        return as_it_is
+    share, in_degf = shares[KINDS[:, 0] == 1].sum(axis=0), KINDS[:, 1:].T @ shares
     # where they are as near as that, either will do
     alike = np.abs(columns[1] - columns[0]) < CUT * max(one.usual[0] for one in usual)
-    return share > 0.5, (np.abs(share - 0.5) < SURE - 0.5) & known.any(axis=0) & ~alike
+    unsure = (np.abs(share - 0.5) < SURE - 0.5) & read & ~alike
+    return ColumnsHold(share > 0.5, unsure, np.stack([_told_to_its_ends(one) for one in in_degf]))
+
+
+def _told_to_its_ends(share: Array) -> Mask:
+    """Rows (n,) of stretches that are surely what they have such a `share` (n,) of the probability to be."""
+    sure = share > SURE
+    edges = np.flatnonzero(np.diff(share > 1.0 - SURE, prepend=False, append=False)).reshape(-1, 2)
+    for first, behind in edges[[not sure[first:behind].all() for first, behind in edges]]:
+        sure[first:behind] = False
+    return np.asarray(sure)
 
 
 def _stuck(values: Array, resolution: float) -> Mask:
@@ -171,8 +194,8 @@ def _changes() -> Array:
     return (CHANGE * (1.0 * place + (unit[0] & unit[1])))[:, KIND]
 
 
-def _share_exchanged(pieces: _Pieces, usual: list[_Usual]) -> Array:
-    """Probability (p,) that the columns are exchanged in each piece, over all chains."""
+def _shares(pieces: _Pieces, usual: list[_Usual]) -> Array:
+    """Probability (kinds, p) of what each piece holds, over all chains."""
     changes, total = _changes(), pieces.count.max(axis=0).sum()
     unknown = np.full((2, 1), -1)
     chains = _Chains(np.zeros(1), np.full(1, -1), np.zeros((2, 1)), unknown, np.zeros((2, 1)), unknown)
@@ -214,15 +237,15 @@ def _share_exchanged(pieces: _Pieces, usual: list[_Usual]) -> Array:
         costs.append(chains.cost)
     # and back from the end, from where each chain goes on
     behind_it = np.zeros(chains.cost.size)
-    share = np.zeros(pieces.row.size)
+    shares = np.zeros((len(KINDS), pieces.row.size))
     for k in range(pieces.row.size - 1, -1, -1):
         whole = costs[k] + behind_it
         weight = np.exp(whole.min() - whole)
-        share[k] = weight[KINDS[kinds[k], 0] == 1].sum() / weight.sum()
+        shares[:, k] = np.bincount(kinds[k], weight, len(KINDS)) / weight.sum()
         i, step, into = steps[k]
         ahead = np.where(into >= 0, step + behind_it[into], np.inf)
         behind_it = _together(ahead, i, int(costs[k - 1].size) if k else 1)
-    return share
+    return shares
 
 
 def _together(cost: Array, group: Rows, count: int) -> Array:

@@ -18,7 +18,7 @@ from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 from scipy.special import bdtrc
 
 from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
-from shockrig.analysis.flight.columns import exchanged
+from shockrig.analysis.flight.columns import held
 from shockrig.analysis.flight.stretches import FELT_SHARE, Felt, judge, scatter, within
 from shockrig.analysis.flight.sweep import COARSE_IN_NOISE
 from shockrig.files.flight import Flight
@@ -34,6 +34,7 @@ Mask = NDArray[np.bool_]
 
 PASCAL = "pressure_hpa: pascal"
 EXCHANGED = "temperature and humidity, each in the other's place"
+DEGF = "temperature in degF"
 UNSURE = "temperature and humidity, of which nothing tells whether they are in one another's place"
 # quantity -> field of a flight, and what a reading of it can be
 FIELDS = {
@@ -51,8 +52,8 @@ FIELDS = {
 
 
 def without_codes(flight: Flight) -> tuple[Flight, dict[str, Mask]]:
-    """The flight with codes for no value missing and exchanged columns put back, and the rows (n,) of each, by quantity
-    and code."""
+    """The flight with codes for no value missing, exchanged columns put back and degF read as such, and the rows (n,)
+    of each, by quantity and code."""
     found: dict[str, Mask] = {}
     changed = {}
     for quantity, (name, possible) in FIELDS.items():
@@ -69,11 +70,14 @@ def without_codes(flight: Flight) -> tuple[Flight, dict[str, Mask]]:
     if (pascal := _in_pascal(flight.pressure_hpa)).any():
         found[PASCAL], flight = pascal, replace(flight, pressure_hpa=flight.pressure_hpa / 100.0)
     both = np.stack([flight.temperature_c, flight.humidity_percent])
-    other, unsure = exchanged(both, [resolution_of(values[np.isfinite(values)]) for values in both])
-    found |= {name: rows for name, rows in ((EXCHANGED, other & ~unsure), (UNSURE, unsure)) if rows.any()}
-    if found.keys() & {EXCHANGED, UNSURE}:
-        temperature, humidity = np.where(unsure, np.nan, np.where(other, both[::-1], both))
-        flight = replace(flight, temperature_c=temperature, humidity_percent=humidity)
+    told = held(both, [resolution_of(values[np.isfinite(values)]) for values in both])
+    both = np.where(told.unsure, np.nan, np.where(told.exchanged, both[::-1], both))
+    degf = told.degf & np.isfinite(both)
+    both = np.where(degf, (both - 32.0) / 1.8, both)
+    some = {EXCHANGED: told.exchanged & ~told.unsure, UNSURE: told.unsure, DEGF: degf[0] | degf[1]}
+    found |= {name: rows for name, rows in some.items() if rows.any()}
+    if found.keys() & some.keys():
+        flight = replace(flight, temperature_c=both[0], humidity_percent=both[1])
     return flight, found
 
 
@@ -92,6 +96,8 @@ def code_notes(codes: Mapping[str, Mask | int]) -> list[str]:
         count = int(np.count_nonzero(rows)) if isinstance(rows, np.ndarray) else rows
         if count and name == EXCHANGED:
             sentences.append(f"{name} in {counted(count, 'row')}: read there")
+        elif count and name == DEGF:
+            sentences.append(f"{name} in {counted(count, 'row')}: read as that")
         elif count and name == UNSURE:
             sentences.append(f"{name}, in {counted(count, 'row')}: taken as missing")
         elif count and name == PASCAL:

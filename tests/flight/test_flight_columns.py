@@ -3,7 +3,7 @@
 import numpy as np
 from benchmark_scripts import benchmark
 
-from shockrig.analysis.flight.columns import exchanged
+from shockrig.analysis.flight.columns import held
 
 ROW = np.arange(1200)
 RESOLUTIONS = (0.01, 0.006)
@@ -21,17 +21,25 @@ def test_an_end_in_a_gap_of_one_column_is_told_by_what_both_held_last():
     there = (ROW >= 500) & (ROW < 640)
     log = columns(there)
     log[1, 450:560] = log[:, 630:660] = np.nan
-    found, unsure = exchanged(log, RESOLUTIONS)
+    told = held(log, RESOLUTIONS)
     known = np.isfinite(log).any(axis=0)
-    assert np.array_equal(found[known], there[known]) and not unsure.any()
+    assert np.array_equal(told.exchanged[known], there[known]) and not told.unsure.any()
 
 
 def test_a_column_that_was_converted_to_fahrenheit_as_it_held_the_other_quantity_is_told():
     there, converted = (ROW >= 300) & (ROW < 700), (ROW >= 500) & (ROW < 900)
     log = columns(there)
     log[0, converted] = 1.8 * log[0, converted] + 32.0
-    found, _ = exchanged(log, RESOLUTIONS)
-    assert np.array_equal(found, there)
+    told = held(log, RESOLUTIONS)
+    assert np.array_equal(told.exchanged, there)
+    assert np.array_equal(told.degf.any(axis=0), converted)
+
+
+def test_a_part_of_a_log_in_fahrenheit_is_read_as_that():
+    """Before: it was left out, and the humidity there was given as it was read."""
+    fuzz = benchmark("fuzz_flights")
+    found = fuzz.judged(300604, list(fuzz.DAMAGE))["humidity_percent"]
+    assert found["ours"] < 0.1 * found["reading"]  # 0.65 of it before
 
 
 def test_where_nothing_tells_which_is_which_no_value_that_cannot_be_comes_out():
@@ -47,5 +55,5 @@ def test_a_burst_and_codes_exchange_nothing():
     log[1, 300:400] += 12.0 * RNG.standard_normal(100)
     log[0, 350:420] += 3.0 * RNG.standard_normal(70)
     log[0, RNG.random(ROW.size) < 0.05] = 33.3
-    found, unsure = exchanged(log, RESOLUTIONS)
-    assert not found.any() and not unsure.any()
+    told = held(log, RESOLUTIONS)
+    assert not told.exchanged.any() and not told.unsure.any() and not told.degf.any()

@@ -194,7 +194,7 @@ def test_a_bead_that_stood_while_the_film_felt_the_air_cool_is_not_believed_up_t
 
 
 def test_readings_between_two_jumps_that_no_lag_lets_through_are_implausible():
-    done = correct(flight(temperature_c=lambda v: put(slice(500, 540), 1.8 * v[500:540] + 32.0)(v)), PROFILE)
+    done = correct(flight(temperature_c=lambda v: put(slice(500, 540), v[500:540] + 40.0)(v)), PROFILE)
     assert done.flags["implausible"][500:540].all() and np.count_nonzero(done.flags["implausible"]) == 40
     assert beyond(done) < 1.0
 
