@@ -4,7 +4,7 @@ holds.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -57,6 +57,40 @@ SCALING: tuple[Factor, ...] = (
     ("pressure", "power"),
     ("run_order", "trend"),
 )
+
+
+# Forms by what a channel must have for them: conditions that its runs vary; starts, airs and the sensor's own
+# temperature that are known; a film or a bead. "own" is the sensor's quantity of the air, "other" the other one. Those
+# of the first table may depend on further conditions and spread their time constants, those of the second stand as they
+# are.
+BASES = {
+    "": "lag_in_series|own parallel_lag|own rate_change|none rate_change|none|history:linear added_rate|own_response",
+    "airflow": "lag_in_series|airflow",
+    "film humidity": "rate_change|own_response|humidity:linear",
+    "start": "delay|none delay|none|history:linear lag_in_series|own|history:linear",
+    "start film": "delay|own",
+    "start run_order": "delay|none|run_order:linear",
+    "start time_of_campaign": "delay|none|time_of_campaign:linear",
+    "airs": "gain|own_response offset|none periodic|none periodic|own added_rate|own added_rate|other added_rate|none "
+    "added_response|own added_response|other added_response|own_response "
+    # creeping on, ever slower or all the time alike
+    "added_response|own|history:logarithmic added_response|own|history:linear "
+    "added_response|own_response|history:logarithmic added_response|own_response|history:linear "
+    "added_response|none|history:logarithmic added_response|none|history:linear",
+    "airs die": "gain|die_temperature added_response|die_temperature",
+}
+ALONE = {
+    "airs run_order": "gain|own_response|run_order:linear offset|none|run_order:linear",
+    "airs time_of_campaign": "gain|own_response|time_of_campaign:linear offset|none|time_of_campaign:linear",
+    "airs ambient": "gain|own_response|ambient:linear",
+    "airs ambient bead": "added_response|own|ambient:zero_at gain|own_response|ambient:zero_at",
+    "airs ambient airflow bead": "gain|own_response|airflow:power|ambient:zero_at",
+    "airs ambient film": "added_response|own|ambient:zero_at|humidity:zero_at",
+    "airs direction": "offset|none|direction:sign|step:sets_in_over",
+    "airs film": "gain|own_response|humidity:above",
+    "airs humidity film": "gain|own_response|humidity:linear",
+    "airs dew": "added_rate|none|humidity:dew_margin",  # what dew brings, and takes away as it dries
+}
 
 
 def varied(channel: Channel) -> set[str]:
@@ -129,46 +163,48 @@ def scaling_factors(form: Form, channel: Channel) -> list[Factor]:
 
 def forms(channel: Channel) -> Iterator[Form]:
     """All forms that the channel's runs could show; none where a record is driven all along, or runs are too many."""
-    c = channel.conditions
     if channel.measured.any() or not LEAST_RUNS <= channel.runs <= MOST_RUNS:
         return
-    for base in _bases(channel):
+    there = _facts(channel)
+    for base in _listed(BASES, channel, there):
         if base.behaves_as != "rate_change" or base.depends_on:
             yield base
         if _may_spread(base):
             yield base.with_factor(*SPREAD)
-        for factor in scaling_factors(base, channel):
-            yield base.with_factor(*factor)
-    if not c.airs_known.all():
-        return
-    there = varied(channel)
-    for first in splits(channel) if "run_order" in there else ():
-        yield Form("rate_change", "none", (("run_order", f"{STEP}{first}"),))
-    for behaviour in ("gain", "offset"):
-        driver = "own_response" if behaviour == "gain" else "none"
-        for along in sorted({"run_order", "time_of_campaign"} & there):
-            yield Form(behaviour, driver, ((along, "linear"),))
-    if "ambient" in there:
-        zero = Form("gain", "own_response", (("ambient", "zero_at"),))
-        own = "air_humidity" if channel.jumps_with_air else "air_temperature"
-        room = Form("added_response", own, (("ambient", "zero_at"),))
-        yield Form("gain", "own_response", (("ambient", "linear"),))
-        if channel.jumps_with_air:
-            room = room.with_factor("humidity", "zero_at")
-        yield room
-        yield from (room.with_factor(*factor) for factor in scaling_factors(room, channel))
-        if not channel.jumps_with_air:
-            yield zero
-            if "airflow" in there:
-                yield zero.with_factor("airflow", "power")
-    if "direction" in there:
-        yield Form("offset", "none", (("direction", "sign"), ("step", "sets_in_over")))
-    if channel.jumps_with_air:
-        yield Form("gain", "own_response", (("humidity", "above"),))
-        if "humidity" in there:
-            yield Form("gain", "own_response", (("humidity", "linear"),))
-    if "dew" in there:  # what dew brings, and takes away as it dries
-        yield Form("added_rate", "none", (("humidity", "dew_margin"),))
+        yield from _scaled(base, channel)
+    if {"airs", "run_order"} <= there:
+        yield from (Form("rate_change", "none", (("run_order", f"{STEP}{first}"),)) for first in splits(channel))
+    for form in _listed(ALONE, channel, there):
+        yield form
+        if form.behaves_as == "added_response":
+            yield from _scaled(form, channel)
+
+
+def _facts(channel: Channel) -> set[str]:
+    """What the forms of the tables may need, as far as a channel has it."""
+    c = channel.conditions
+    facts = {
+        "start": c.start_known.any(),
+        "airs": c.airs_known.all(),
+        "film": channel.jumps_with_air,
+        "bead": not channel.jumps_with_air,
+        "die": np.isfinite(channel.die_c).any(),
+    }
+    return varied(channel) | {name for name, holds in facts.items() if holds}
+
+
+def _listed(table: Mapping[str, str], channel: Channel, there: set[str]) -> Iterator[Form]:
+    """The forms of a table whose needs a channel has."""
+    airs = ("air_humidity", "air_temperature") if channel.jumps_with_air else ("air_temperature", "air_humidity")
+    drivers = dict(zip(("own", "other"), airs, strict=True))
+    for needs, keys in table.items():
+        for form in map(form_of, keys.split() if set(needs.split()) <= there else ()):
+            yield replace(form, driver=drivers.get(form.driver, form.driver))
+
+
+def _scaled(form: Form, channel: Channel) -> Iterator[Form]:
+    """A form with each condition that may scale its strength."""
+    yield from (form.with_factor(*factor) for factor in scaling_factors(form, channel))
 
 
 def splits(channel: Channel) -> range:
@@ -182,7 +218,7 @@ def kin(form: Form, channel: Channel) -> Iterator[Form]:
         if one[1] in SCALES or one == SPREAD:
             yield replace(form, depends_on=tuple(other for other in form.depends_on if other != one))
     if sum(how in SCALES for _, how in form.depends_on) < MOST_SCALES:
-        yield from (form.with_factor(*factor) for factor in scaling_factors(form, channel))
+        yield from _scaled(form, channel)
     if _may_spread(form):
         yield form.with_factor(*SPREAD)
     yield from by_chance(form, channel)
@@ -207,45 +243,6 @@ def _may_spread(form: Form) -> bool:
     """Whether a form dies away, or sets in, with a time constant that may be several."""
     relaxes = form.behaves_as in ("parallel_lag", "added_response", "added_rate")
     return relaxes and form.driver != "die_temperature" and "history" not in form.factors
-
-
-def _bases(channel: Channel) -> Iterator[Form]:
-    """Behaviours with their drivers, depending on nothing yet."""
-    c = channel.conditions
-    own, other = ("air_humidity", "air_temperature") if channel.jumps_with_air else ("air_temperature", "air_humidity")
-    yield Form("lag_in_series", own)
-    if "airflow" in varied(channel):
-        yield Form("lag_in_series", "airflow")
-    yield Form("parallel_lag", own)
-    yield Form("rate_change", "none")
-    yield Form("rate_change", "none", (("history", "linear"),))
-    yield Form("added_rate", "own_response")
-    if channel.jumps_with_air and "humidity" in varied(channel):
-        yield Form("rate_change", "own_response", (("humidity", "linear"),))
-    if c.start_known.any():
-        yield Form("delay", "none")
-        if channel.jumps_with_air:
-            yield Form("delay", own)
-        yield Form("delay", "none", (("history", "linear"),))
-        for along in sorted({"run_order", "time_of_campaign"} & varied(channel)):
-            yield Form("delay", "none", ((along, "linear"),))
-        yield Form("lag_in_series", own, (("history", "linear"),))
-    if not c.airs_known.all():
-        return
-    yield Form("gain", "own_response")
-    yield Form("offset", "none")
-    for driver in (own, other, "none"):
-        yield Form("added_rate", driver)
-    for driver in (own, other, "own_response"):
-        yield Form("added_response", driver)
-    for driver in (own, "own_response", "none"):  # creeping on, ever slower or all the time alike
-        yield Form("added_response", driver, (("history", "logarithmic"),))
-        yield Form("added_response", driver, (("history", "linear"),))
-    yield Form("periodic", "none")
-    yield Form("periodic", own)
-    if np.isfinite(channel.die_c).any():
-        yield Form("gain", "die_temperature")
-        yield Form("added_response", "die_temperature")
 
 
 def periods_s(channel: Channel) -> Array:
