@@ -24,7 +24,6 @@ from shockrig.analysis.diagnose.diagnosed import (
     ChannelDiagnosis,
     Diagnosis,
     Predicting,
-    Tried,
 )
 from shockrig.analysis.diagnose.experiments import propose, unseen
 from shockrig.analysis.diagnose.gain import Gain, HeldOutPart, held_out_parts, held_out_squares, measure_gain
@@ -54,6 +53,7 @@ from shockrig.files.numbers import counted
 Array = NDArray[np.float64]
 
 MOST_PREDICTING = 8  # models of the largest weight that are tried on runs held out
+LEAST_TRIED = 0.01  # weight of a model that is not stated, from which on its effect is said to have been tried
 LEAST_SQUARE = 1e-30  # of a mean square or a weight, whose logarithm is taken
 
 # What a channel's runs cannot tell, whatever is in them: said before anything is fitted.
@@ -381,18 +381,14 @@ def _uncertain(values: Mapping[str, tuple[float, float]]) -> dict[str, Uncertain
     return {name: Uncertain(value, spread) for name, (value, spread) in values.items()}
 
 
-def _tried(found: Search) -> tuple[Tried, ...]:
-    """What comes next to the best model, and is not in it."""
-    said: dict[str, Tried] = {}
+def _tried(found: Search) -> dict[str, str]:
+    """Effects that come next to the best model and are not in it, and why not."""
+    said: dict[str, str] = {}
     for one, weight in zip(found.pool, found.weights, strict=True):
-        more = one.ids - found.best.ids
-        if len(more) == 1 and one.ids > found.best.ids and weight > 0.01:
-            (effect,) = more
-            if not is_described(effect):
-                said[effect] = Tried(
-                    effect, f"unseen runs bear it out with a probability of {found.probability(effect):.2f}"
-                )
-    return tuple(said.values())
+        more = {id_ for id_ in one.ids - found.best.ids if not is_described(id_)}
+        if one.ids > found.best.ids and len(one.ids) == len(found.best.ids) + 1 and weight > LEAST_TRIED:
+            said |= {e: f"unseen runs bear it out with a probability of {found.probability(e):.2f}" for e in more}
+    return said
 
 
 def enough(channel: Channel) -> bool:
@@ -405,7 +401,6 @@ def diagnose(
     campaign: Campaign,
     progress: Progress = lambda _: None,
     tolerance: Tolerance | None = None,
-    earlier: StatedDiagnosis | None = None,
 ) -> Diagnosis:
     """Diagnose every channel of a campaign that has usable runs.
 
@@ -415,8 +410,6 @@ def diagnose(
     progress : function of a sentence, optional
     tolerance : Tolerance, optional
         From which size on something that is left spoils a verdict.
-    earlier : StatedDiagnosis, optional
-        An earlier diagnosis of this campaign, read from its file: the search begins with what it named.
 
     Raises
     ------
@@ -430,14 +423,13 @@ def diagnose(
     for name in QUANTITIES:
         channel = build_channel(input_.campaign, name)
         if channel is not None and enough(channel):
-            known = named_earlier(earlier, name)
-            found.append(diagnose_channel(channel, progress, tolerance, known, findings=input_.findings))
+            found.append(diagnose_channel(channel, progress, tolerance, findings=input_.findings))
     return gathered(input_, found)
 
 
-def named_earlier(earlier: StatedDiagnosis | None, name: ChannelName) -> Earlier:
+def named_earlier(earlier: StatedDiagnosis, name: ChannelName) -> Earlier:
     """What an earlier diagnosis named in a channel, as a search begins with it."""
-    if earlier is None or name not in earlier.channels:
+    if name not in earlier.channels:
         return {}
     return {c.effect: {k: v.value for k, v in c.parameters.items()} for c in earlier.channels[name].causes}
 

@@ -131,14 +131,6 @@ class Cause(StatedCause):
 
 
 @dataclass(frozen=True)
-class Tried:
-    """An effect that was tried and is not named, and why."""
-
-    effect: str
-    why: str
-
-
-@dataclass(frozen=True)
 class Predicting:
     """The model that predicts, and that the profile carries: the stated one, the plain one, or one whose effects
     are not sure enough to be stated or say nothing of causes. Runs held out speak for it or, with none, Schwarz's
@@ -159,8 +151,8 @@ class Predicting:
 class ChannelDiagnosis:
     """The verdict on one channel with everything it rests on.
 
-    `plain` and `final` are the fits of the plain model and of the one that is stated; `discrepancy` describes what is
-    left where it matters.
+    `plain` and `final` are the fits of the plain model and of the one that is stated; `tried` are effects that are
+    not named, and why; `discrepancy` describes what is left where it matters.
     """
 
     name: ChannelName
@@ -179,7 +171,7 @@ class ChannelDiagnosis:
     predicting: Predicting
     untestable: tuple[str, ...]
     cannot_tell: tuple[str, ...] = ()
-    tried: tuple[Tried, ...] = ()
+    tried: Mapping[str, str] = field(default_factory=dict)
     discrepancy: dict[str, object] | None = None
 
 
@@ -231,7 +223,7 @@ def _channel(channel: ChannelDiagnosis) -> StatedChannel:
             "predicting": sorted(channel.predicting.model.ids),
             "explanations": plain({k: value for k, value in vars(outcome_of(channel)).items() if k != "verdict"}),
             "discrepancy_of_step": channel.search.best.score.discrepancy,
-            "tried": [{"effect": tried.effect, "why_not": tried.why} for tried in channel.tried],
+            "tried": [{"effect": effect, "why_not": why} for effect, why in channel.tried.items()],
         },
     )
 

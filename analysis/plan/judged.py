@@ -4,7 +4,7 @@ out.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -239,30 +239,20 @@ def _taken(found: ChannelOutcome, before: Verdict, final: bool, ready: Prepared)
         ids = tuple(sorted(one))
         if ids not in out:
             kept.setdefault(ids, one)
-    # What stood before and is not out stands where all that the diagnosis thinks of is out, or is not enough.
+    # What stood before and is not out stands where all that the diagnosis thinks of is out.
     survivors = [one for one in before.standing or (before.causes,) if tuple(sorted(one)) not in out]
-    if not found.passed and (best := _enough(ready, survivors)) is not None:
-        kept = {tuple(sorted(best)): best}
-        verdict, as_at_the_end = "explained" if best else "adequate", True
     runs, explanations = len(found.runs), tuple(kept.values() or survivors)
     if not explanations:
         return Verdict("unexplained", runs, found.stated, None, out, look, settled, as_at_the_end)
     if tuple(sorted(found.stated)) in out:
         # What this look does not think best, new runs have borne out: what is left is judged of the model they leave.
-        stands = _enough(ready, explanations[:1])
-        named = "explained" if stands else "adequate"
-        verdict, as_at_the_end = ("unexplained", as_at_the_end) if stands is None else (named, True)
+        if judge(ready.problem, _fitted(ready.problem, explanations[0], ready.structure)).passed:
+            verdict, as_at_the_end = "explained" if explanations[0] else "adequate", True
+        else:
+            verdict = "unexplained"
     nothing_yet = (0.0,) * len(explanations)
     dispute = Dispute(explanations, found.runs, nothing_yet) if len(explanations) > 1 else None
     return Verdict(verdict, runs, explanations[0], dispute, out, look, settled, as_at_the_end)
-
-
-def _enough(ready: Prepared, explanations: Sequence[Explanation]) -> Explanation | None:
-    """The first of some explanations that leaves nothing but noise."""
-    for one in explanations:
-        if judge(ready.problem, _fitted(ready.problem, one, ready.structure)).passed:
-            return one
-    return None
 
 
 def _possible(found: ChannelOutcome, look: int) -> list[Explanation]:

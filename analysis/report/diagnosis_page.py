@@ -163,7 +163,7 @@ def _channel(view: ChannelView) -> list[Block]:
     if found.cannot_tell:
         blocks.append(Text("What these runs cannot tell: " + " ".join(found.cannot_tell), "warning"))
     if found.tried:
-        rows = [[named(t.effect), t.why] for t in found.tried]
+        rows = [[named(effect), why] for effect, why in found.tried.items()]
         caption = f"What was tried, helps the fit, and is not named: a name takes a probability of {level('named'):g}"
         blocks.append(Table(("effect", "why not"), rows, caption))
     blocks += figure("before_after")

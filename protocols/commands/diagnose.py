@@ -262,7 +262,7 @@ def summary(diagnosis: Diagnosis) -> str:
         lines.append(f"  {remainder_sentence(found)}")
         lines += [f"  {sentence}"] if (sentence := predicting_sentence(found)) else []
         lines += [f"  {sentence}"] if (sentence := seen_sentence(found.problem.channel)) else []
-        lines += [f"  tried and not named: {named(tried.effect)}: {tried.why}" for tried in found.tried]
+        lines += [f"  tried and not named: {named(effect)}: {why}" for effect, why in found.tried.items()]
         lines += [f"  cannot be told: {sentence}" for sentence in found.cannot_tell]
         left_out = len(found.problem.channel.left_out)
         if left_out:
