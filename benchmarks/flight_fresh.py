@@ -108,9 +108,9 @@ def _ages(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> 
     return bead, 100.0 * driven("film", rate / slower, world.vapour_hpa) / saturation_hpa(world.temperature_c)
 
 
-def _half_kelvins(log: dict[str, Array], rng: Rng) -> None:
-    """A logger that keeps the temperature in halves of a kelvin, and the humidity as it comes."""
-    log["temperature_c"] = np.round(2.0 * log["temperature_c"]) / 2.0
+def _steps_of_height(log: dict[str, Array], rng: Rng) -> None:
+    """An altitude of a receiver that writes tens of metres."""
+    log["altitude_m"] = 10.0 * np.round(log["altitude_m"] / 10.0)
 
 
 def _radio(log: dict[str, Array], rng: Rng) -> None:
@@ -162,7 +162,7 @@ FRESH: dict[str, Callable[[Rng], World]] = {
     "jitter": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2), _jitter),
     "clock in seconds": lambda r: changed(with_rows(profile(r, 40.0, 0.04, 0.2), _whole_seconds), period_s=1.0),
     "dust settles": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _ages),
-    "half kelvins": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2), _half_kelvins),
+    "tens of metres": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2, True), _steps_of_height),
     "late humidity": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2, True), _late_humidity),
     "fan now and then": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _fan_now_and_then),
     "converter's ranges": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _ranges),

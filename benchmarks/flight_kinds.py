@@ -309,6 +309,11 @@ def _late_die_at_a_door(world: World, bead: Array, humidity: Array, rate: Array,
     return bead, humidity * saturation_hpa(world.temperature_c) / saturation_hpa(die)
 
 
+def _half_kelvins(log: dict[str, Array], rng: Rng) -> None:
+    """A logger that keeps the temperature in halves of a kelvin, and the humidity as it comes."""
+    log["temperature_c"] = np.round(2.0 * log["temperature_c"]) / 2.0
+
+
 def long_layers(rng: Rng) -> World:
     """Twenty minutes through layers, for a film slower than a window."""
     time = clock(1200.0)
@@ -371,6 +376,7 @@ KINDS: dict[str, Callable[[Rng], World]] = {
     "coarse, calm": lambda r: changed(calm(r), **COARSE),
     "coarse, convective": lambda r: changed(convective(r), **COARSE),
     "coarse, inversion": lambda r: changed(profile(r, 40.0, 0.04, 0.2), **COARSE),
+    "half kelvins": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2), _half_kelvins),
     "D stated 20 % high": lambda r: changed(profile(r, 40.0, 0.04, 0.2, True), stated=1.2, stated_relative=0.02),
     "D stated 20 % low": lambda r: changed(front(r), stated=0.8, stated_relative=0.02),
     "noise three times": lambda r: changed(convective(r, 0.6), noise=3.0),

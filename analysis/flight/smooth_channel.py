@@ -520,9 +520,11 @@ def estimate(
     typical = local.each(lambda strength: np.median(strength, keepdims=True))
     rate = resolved_rate(typical, along.at(slice(len(along.rate) // 2, len(along.rate) // 2 + 1)), track.period_s)
     if rounding is not None:
-        # for as long as a rounded reading stays, so does what it is off by
-        changes = np.count_nonzero(np.diff(reading[usable]))
-        rate = min(rate, np.pi * (changes + 1) / float(np.ptp(time_s[usable])))
+        # for as long as a rounded reading stays, so does what it is off by; that it goes to and fro between two steps
+        # while the air goes on by none is noise
+        gone = float(np.sum(np.abs(np.diff(air)) / rounding[1:]))
+        changes = min(gone, float(np.count_nonzero(np.diff(reading[usable]))))
+        rate = min(rate, np.pi * (changes + 1.0) / float(np.ptp(time_s[usable])))
     own_steps = np.zeros(time_s.shape)
     np.add.at(own_steps, on.row[own != 0.0], own[own != 0.0])
     return Estimate(
