@@ -135,7 +135,7 @@ def cannot_tell(channel: Channel) -> tuple[str, ...]:
         )
     elif channel.runs > 1 and c.airflow_m_s.max() < SAME_AIRFLOW * max(c.airflow_m_s.min(), 1e-9):
         said.append("All runs have one airflow: what depends on it cannot be told from what does not. Vary it.")
-    if own_temperature_unknown(channel):
+    if channel.name == "humidity" and not np.isfinite(channel.die_c).any() and not channel.isothermal.all():
         said.append(
             f"The {sensor}'s own temperature was not recorded: where the temperature changes, its lag and the "
             f"{sensor}'s cannot be told apart. Log it (temperature_c in hyt.csv, die_temperature in a map)."
@@ -153,23 +153,12 @@ def cannot_tell(channel: Channel) -> tuple[str, ...]:
     return tuple(said)
 
 
-def own_temperature_unknown(channel: Channel) -> bool:
-    """Whether a film went through changes of temperature and nobody recorded its own."""
-    return bool(channel.name == "humidity" and not np.isfinite(channel.die_c).any() and not channel.isothermal.all())
-
-
 def has_repeats(channel: Channel) -> bool:
     """Whether any two runs had the same airs and airflow, within what chambers reach."""
     c = channel.conditions
-    keys = np.column_stack(
-        [
-            np.round(c.source_c),
-            np.round(c.destination_c),
-            np.round(c.source_percent / 3.0),
-            np.round(c.destination_percent / 3.0),
-            np.round(np.log(np.maximum(c.airflow_m_s, 0.05)) / 0.2),
-        ]
-    )
+    flow = np.log(np.maximum(c.airflow_m_s, 0.05)) / 0.2
+    airs = (c.source_c, c.destination_c, c.source_percent / 3.0, c.destination_percent / 3.0)
+    keys = np.round(np.column_stack([*airs, flow]))
     return np.unique(keys, axis=0).shape[0] < channel.runs
 
 
@@ -227,8 +216,7 @@ def diagnose_channel(
         named=len(causes),
         forms=len(forms),
         shown=len(shown),
-        left_over=remainder.significant,
-        matters=remainder.material,
+        left_over=matters,
         parted=bool(parted),
         borne_out=gain.measured,
         claims=any(not CATALOGUE[c.effect].candidacy.shape for c in causes),

@@ -372,19 +372,15 @@ def _mean_and_spread(gains: Array, kind: NDArray[np.int64]) -> tuple[float, floa
     What a campaign records is a design, not a draw: an effect that acts in a quarter of the runs does so in the next
     campaign too.
     """
-    squares, degrees = 0.0, 0
-    groups = [gains[kind == k] for k in np.unique(kind)]
-    singles = np.concatenate([g for g in groups if g.size == 1]) if any(g.size == 1 for g in groups) else np.array([])
-    groups = [g for g in groups if g.size > 1] + ([singles] if singles.size > 1 else [])
-    inside = np.concatenate(groups) if groups else gains
-    for group in groups:
-        squares += group.size * float(group.var(ddof=1))
-        degrees += group.size - 1
+    _, own, count = np.unique(kind, return_inverse=True, return_counts=True)
+    alike = np.where(count[own] > 1, own, -1)  # a run that is the only one of its kind goes with others that are
+    groups = [group for k in np.unique(alike) if (group := gains[alike == k]).size > 1]
+    inside, degrees = sum(group.size for group in groups), sum(group.size - 1 for group in groups)
     mean, size = float(gains.mean()), gains.size
     if size < 2:
         return mean, float("inf"), 1
     # A few runs say little of how gains scatter; before them it is taken that they do by half of their mean.
-    variance = squares / inside.size if degrees else 0.0
+    variance = sum(group.size * float(group.var(ddof=1)) for group in groups) / max(inside, 1)
     variance = (degrees * variance + USUAL_DEGREES * (USUAL_SPREAD * mean) ** 2) / (degrees + USUAL_DEGREES)
     return mean, float(np.sqrt(variance / size)), degrees + USUAL_DEGREES
 

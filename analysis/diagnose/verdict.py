@@ -18,8 +18,8 @@ class Standing:
         Effects of the catalogue, and forms of the grammar, in the model with the largest weight.
     shown : int
         What single readings show that no entry of the catalogue accounts for: a hum, bursts, a rounding.
-    left_over, matters : bool
-        Whether that model leaves more than chance does on unseen runs, and whether as much as the tolerance.
+    left_over : bool
+        Whether that model leaves more than chance does on unseen runs, and as much as the tolerance.
     parted : bool
         Whether a check of the input says that the runs fall into groups which the model does not part.
     borne_out : bool
@@ -32,7 +32,6 @@ class Standing:
     forms: int = 0
     shown: int = 0
     left_over: bool = False
-    matters: bool = False
     parted: bool = False
     borne_out: bool = True
     claims: bool = True
@@ -45,7 +44,7 @@ def verdict(s: Standing) -> Verdict:
     catalogue alone, an explanation. A model with nothing added is adequate, where no candidate predicts unseen runs
     better (or it would not have the largest weight) and no check of the input speaks against it.
     """
-    if (s.left_over and s.matters) or (s.parted and not s.forms):
+    if s.left_over or (s.parted and not s.forms):
         return "unexplained"
     if not s.borne_out and s.named and not s.claims:
         return "unexplained"  # a shape that no other run has borne out explains nothing

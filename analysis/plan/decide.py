@@ -47,7 +47,7 @@ from shockrig.analysis.plan.designs import Designs, menu_of
 from shockrig.analysis.plan.evidence import OLD_RUNS_POWER, student
 from shockrig.analysis.plan.goals import QUANTITY_OF, Goals, Place, places
 from shockrig.analysis.plan.information import nats
-from shockrig.analysis.plan.judged import ChannelLook, Verdict, diagnosed, extended, look_at
+from shockrig.analysis.plan.judged import ChannelLook, Verdict, diagnosed, look_at
 from shockrig.analysis.plan.minutes import learn, spent_minutes
 from shockrig.analysis.plan.precision import Target, gained_by, measured, targets
 from shockrig.analysis.plan.varied import shock_of, usual_of, variety
@@ -114,12 +114,12 @@ def _if_true_beside(look: ChannelLook, i: int, new: Problem) -> Array:
     common = frozenset.intersection(*(frozenset(rival.structure.ids) for rival in look.rivals))
     structure, places, _ = _beside(look.rivals[i], common)
     truth, _ = linearise(new, structure, Point(look.rivals[i].theta[places], new.channel.at_rest()))
-    found = np.full(new.channel.runs, -np.inf)
+    found = []
     for rival in (one for j, one in enumerate(look.rivals) if j != i):
         structure, places, known = _beside(rival, common)
         twice, _ = apart(new, truth, structure, rival.theta[places], known)
-        found = np.maximum(found, [student(0.5 * float(x), _degrees(look)) for x in twice])
-    return found
+        found.append([student(0.5 * float(x), _degrees(look)) for x in twice])
+    return np.max(found, axis=0)
 
 
 def _beside(found: Fit, common: frozenset[str]) -> tuple[Structure, list[int], Array]:
@@ -144,11 +144,8 @@ def _if_true(look: ChannelLook, i: int, new: Problem) -> Array:
     known = true.arrow.normal
     paid = [2.0 * nats(known, known + one.told, range(true.theta.size)) for one in own.each_run()]
     old = np.isin(look.problem.channel.run_ids, look.verdict.dispute.runs)
-    now = look.verdict.dispute.so_far
-    found = np.full(new.channel.runs, -np.inf)
-    for j, rival in enumerate(look.rivals):
-        if j == i:
-            continue
+    now, found = look.verdict.dispute.so_far, []
+    for j, rival in ((j, one) for j, one in enumerate(look.rivals) if j != i):
         told = rival.arrow.of_runs(old).told
         moves = rival.arrow.told - (1.0 - OLD_RUNS_POWER) * told
         twice, each = apart(new, truth, rival.structure, rival.theta, moves)
@@ -156,8 +153,8 @@ def _if_true(look: ChannelLook, i: int, new: Problem) -> Array:
         if old.all():
             twice += [_allowed(one.told, told, rival.theta.size) for one in each]
         so_far = _not_student(now[j], degrees)
-        found = np.maximum(found, [student(so_far + 0.5 * float(x), degrees) - now[j] for x in twice])
-    return found
+        found.append([student(so_far + 0.5 * float(x), degrees) - now[j] for x in twice])
+    return np.max(found, axis=0)
 
 
 def _allowed(added: Array, old: Array, free: int) -> float:
@@ -365,7 +362,8 @@ def _measured(campaigns: Sequence[Campaign], verdicts: Mapping[Place, Verdict]) 
 
 def _carried(campaigns: Sequence[Campaign], verdicts: Mapping[Place, Verdict]) -> dict[str, Any]:
     """The models of each probe, with what is named of it."""
-    return {one.probe: extended({n: verdicts[sensor_name(n, one.probe)] for n in looked_for(one)}) for one in campaigns}
+    of = {one.probe: {n: verdicts[sensor_name(n, one.probe)] for n in looked_for(one)} for one in campaigns}
+    return {probe: {n: v.extension(n) for n, v in own.items() if v.causes} for probe, own in of.items()}
 
 
 def _with_fleet(found: Found, population: Population | None, progress: Progress) -> dict[str, WithFleet]:

@@ -4,7 +4,6 @@ out.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -12,10 +11,11 @@ import numpy as np
 from shockrig.analysis.characterize.part_fit import Extension, extension_of
 from shockrig.analysis.diagnose.adequacy import judge
 from shockrig.analysis.diagnose.diagnose import diagnose_channel, enough
-from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis, ChannelOutcome, Explanation, outcome_of
+from shockrig.analysis.diagnose.diagnosed import ChannelOutcome, Explanation, outcome_of
 from shockrig.analysis.diagnose.prepare import Prepared, prepare
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.effects.described import described, discovered_of, is_described
+from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import Fit, fit
 from shockrig.analysis.estimate.fit_starts import rough_point
 from shockrig.analysis.estimate.gather import build_channel
@@ -112,11 +112,6 @@ class Verdict:
         return extension_of(causes, others, channel)
 
 
-def extended(verdicts: Mapping[ChannelName, Verdict]) -> dict[ChannelName, Extension]:
-    """Extended models of the channels of which something is named."""
-    return {name: verdict.extension(name) for name, verdict in verdicts.items() if verdict.causes}
-
-
 FALSE_ALARMS = 0.01  # of campaigns in which a look may choose wrongly
 MOST_TIED = 6  # beside the best one
 FEWEST_RUNS = 4  # that are diagnosed
@@ -185,9 +180,7 @@ def look_at(
     elif anew and wanted and later and not final:
         now = replace(now, due=True)
     elif anew and wanted:
-        found = diagnose_channel(channel, earlier=now.causes, describing=final, ready=ready)
-        ready = _as_diagnosed(ready, found)
-        now = _taken(outcome_of(found), now, final, ready)
+        ready, now = _diagnosed(channel, ready, now, final)
     rivals = tuple(_fitted(ready.problem, e, base) for e in now.standing) if len(now.standing) > 1 else ()
     worst = ""
     if now.left:
@@ -201,14 +194,14 @@ def diagnosed(campaign: Campaign, name: ChannelName, due: Verdict) -> Verdict:
     """The verdict of a diagnosis that was left for later; `campaign` has been checked and holds the runs of then."""
     channel = build_channel(campaign, name)
     assert channel is not None  # or nothing was due
-    ready = prepare(channel)
-    found = diagnose_channel(channel, earlier=due.causes, describing=False, ready=ready)
-    return _taken(outcome_of(found), due, False, _as_diagnosed(ready, found))
+    return _diagnosed(channel, prepare(channel), due, final=False)[1]
 
 
-def _as_diagnosed(ready: Prepared, found: ChannelDiagnosis) -> Prepared:
-    """The channel as a diagnosis prepared it in the end."""
-    return replace(ready, problem=found.problem, noise=found.noise, structure=found.plain.structure)
+def _diagnosed(channel: Channel, ready: Prepared, before: Verdict, final: bool) -> tuple[Prepared, Verdict]:
+    """A channel as a diagnosis prepared it in the end, and the verdict."""
+    found = diagnose_channel(channel, earlier=before.causes, describing=final, ready=ready)
+    ready = replace(ready, problem=found.problem, noise=found.noise, structure=found.plain.structure)
+    return ready, _taken(outcome_of(found), before, final, ready)
 
 
 def _fitted(problem: Problem, explanation: Explanation, base: Structure) -> Fit:
