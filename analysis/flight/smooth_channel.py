@@ -24,11 +24,10 @@ from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.smoother import Jumps
 from shockrig.analysis.flight.stretches import MOST_SHARE, largest_beside, largest_share
 from shockrig.analysis.flight.sweep import (
+    Neighbourhood,
     Sweep,
     Track,
-    costs,
     lags_behind,
-    misfit,
     propagated,
     swept,
     within_a_step,
@@ -159,30 +158,21 @@ class OwnStep:
     cost: float
 
 
-def _own_step(
-    track: Track,
-    values: Array,
-    variance: Array,
-    local: Prior,
-    jumps: Jumps,
-    nodes: NDArray[np.int64],
-    near: int,
-    guess: tuple[Array, Array],
-) -> OwnStep | None:
+def _own_step(around: Neighbourhood, jumps: Jumps, near: int) -> OwnStep | None:
     """The likeliest step of the sensor itself about a node, between two readings; None where there are no such, or none
     that leaves the readings as they may be."""
-    read = np.isfinite(variance)
+    nodes, read = around.nodes, np.isfinite(around.variance)
     places = near + np.array(OWN_NEIGHBOURS)
     places = places[(places > nodes[0]) & (places <= nodes[-1])]
     places = places[read[places] & read[places - 1]]
     if not places.size:
         return None
     here = Jumps(jumps.variance[nodes], jumps.place[nodes])
-    unit = float(local.noise[near])
+    unit = float(around.local.noise[near])
     # the log-likelihood of readings that are off is a parabola of by how much
     behind = unit * (nodes >= places[:, None])
     off = np.concatenate([np.zeros((1, nodes.size)), behind, -behind])
-    cost = costs(track, values, variance, local, [here] * len(off), nodes, guess, off)
+    cost = around.costs([here] * len(off), off)
     more, less = cost[1:].reshape(2, -1) - cost[0]
     slope, bend = 0.5 * (more - less), more + less
     # under a variance that is as large as it comes out, as those of the air's jumps are
@@ -191,7 +181,7 @@ def _own_step(
     own = cost[0] - 0.5 * square**2 / (square + 1.0) + 0.5 * np.log1p(square)
     best = int(np.argmin(own))
     of_best = size[best] * behind[best : best + 1]
-    if misfit(track, values, variance, local, here, nodes, guess, of_best) > MOST_SURPRISE:
+    if around.misfit(here, of_best) > MOST_SURPRISE:
         return None
     return OwnStep(int(places[best]), float(size[best] * unit), float(own[best]))
 
@@ -259,7 +249,7 @@ def _best(
     read = np.isfinite(variance)
     first, last = near - int(np.argmax(read[:near][::-1])), near + int(np.argmax(read[near:]))
     nodes = np.arange(max(first - LOOK_BACK, ends[stretch - 1]), min(last + LOOK_AHEAD, ends[stretch]))
-    trials = JumpTrials(jumps, nodes)
+    around, trials = Neighbourhood(track, values, variance, local, guess, nodes), JumpTrials(jumps, nodes)
     for first_s, last_s in known_s[_beside(track, near, known_s) <= KNOWN_APART * track.period_s].tolist():
         trials.add_within(track, size[0], first_s, last_s)
     known = len(trials.tried)
@@ -272,7 +262,7 @@ def _best(
     tried = trials.tried
     if not tried:
         return jumps
-    cost = costs(track, values, variance, local, tried, nodes, guess)
+    cost = around.costs(tried)
     if not known and (within := _burst_around(near, loud, read)) is not None and not jumps.variance[within].any():
         anywhere = Jumps(jumps.variance.copy(), jumps.place)
         anywhere.variance[within, 0] = size[0] ** 2 / (within.stop - within.start)
@@ -281,13 +271,13 @@ def _best(
             Jumps(one.variance[wide], one.place[wide])
             for one in (anywhere, trials.with_one(tried[int(np.argmin(cost))]))
         ]
-        of_all, of_one = costs(track, values, variance, local, here, wide, guess).tolist()
+        of_all, of_one = replace(around, nodes=wide).costs(here).tolist()
         # of jumps at one place or another the mean likelihood, of which the best is the most
         if of_all <= of_one - np.log(np.mean(np.exp(cost.min() - cost))) + ALIKE_NATS:
             return anywhere
     if known:
         there = trials.finer(int(np.argmin(cost[:known])))
-        of_known = np.append(cost[:known], costs(track, values, variance, local, there, nodes, guess) if there else [])
+        of_known = np.append(cost[:known], around.costs(there) if there else [])
         if of_known.min() <= cost.min() + BELIEVED_NATS:
             return trials.with_one([*tried[:known], *there][int(np.argmin(of_known))])
     in_gap = cost[outside:]
@@ -303,10 +293,10 @@ def _best(
     # a jump is placed as finely as it shows before it is compared with what has no such place
     if (sharp := np.flatnonzero(trials.single)).size:
         finer = trials.finer(int(sharp[np.argmin(cost[sharp])]))
-        of_finer = costs(track, values, variance, local, finer, nodes, guess) if finer else np.zeros(0)
+        of_finer = around.costs(finer) if finer else np.zeros(0)
         tried, cost = tried + finer, np.append(cost, of_finer)
     if not places.size:
-        own = _own_step(track, values, variance, local, jumps, nodes, near, guess)
+        own = _own_step(around, jumps, near)
         # before the flight is looked at it is as likely in every row, and about one in a flight
         if own is not None and own.cost + np.log(values.size) < cost.min():
             return own

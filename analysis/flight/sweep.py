@@ -98,38 +98,33 @@ def swept(
     return Sweep(*(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Sweep)))
 
 
-def costs(
-    track: Track,
-    values: Array,
-    variance: Array,
-    local: Prior,
-    tried: Sequence[Jumps],
-    nodes: NDArray[np.int64],
-    guess: tuple[Array, Array],
-    off: Array | float = 0.0,
-) -> Array:
-    """Minus the log-likelihood (t,) of the readings at some neighbouring nodes (m,) under each of the jumps, which are
-    of those nodes, and with the sensor `off` (t, m) by so much; `guess` is where the lags stand (`lags_behind`)."""
-    at = np.tile(nodes, (len(tried), 1))
-    jumps = Jumps(np.stack([one.variance for one in tried]), np.stack([one.place for one in tried]))
-    return _smoothed(track, values, variance, local, jumps, at, guess, True, off=off).cost.sum(axis=1)
+@dataclass(frozen=True)
+class Neighbourhood:
+    """Some neighbouring `nodes` (m,) of a track, with all readings and their variances (n,), and the air's prior there;
+    `guess` is where the lags stand (`lags_behind`)."""
 
+    track: Track
+    values: Array
+    variance: Array
+    local: Prior
+    guess: tuple[Array, Array]
+    nodes: NDArray[np.int64]
 
-def misfit(
-    track: Track,
-    values: Array,
-    variance: Array,
-    local: Prior,
-    jumps: Jumps,
-    nodes: NDArray[np.int64],
-    guess: tuple[Array, Array],
-    off: Array,
-) -> float:
-    """Mean square of how much the readings at some neighbouring nodes (m,) surprise, in their sigmas, with those jumps
-    and with the sensor `off` (1, m) by so much."""
-    here = Jumps(jumps.variance[None], jumps.place[None])
-    found = _smoothed(track, values, variance, local, here, nodes[None], guess, off=off)
-    return float(np.nanmean(found.surprise**2))
+    def costs(self, tried: Sequence[Jumps], off: Array | float = 0.0) -> Array:
+        """Minus the log-likelihood (t,) of the readings under each of the jumps, which are of those nodes, and with the
+        sensor `off` (t, m) by so much."""
+        jumps = Jumps(np.stack([one.variance for one in tried]), np.stack([one.place for one in tried]))
+        at = np.tile(self.nodes, (len(tried), 1))
+        given = self.track, self.values, self.variance, self.local
+        return _smoothed(*given, jumps, at, self.guess, True, off=off).cost.sum(axis=1)
+
+    def misfit(self, jumps: Jumps, off: Array) -> float:
+        """Mean square of how much the readings surprise, in their sigmas, with those jumps and with the sensor `off`
+        (1, m) by so much."""
+        given = self.track, self.values, self.variance, self.local
+        here = Jumps(jumps.variance[None], jumps.place[None])
+        found = _smoothed(*given, here, self.nodes[None], self.guess, off=off)
+        return float(np.nanmean(found.surprise**2))
 
 
 def _smoothed(
