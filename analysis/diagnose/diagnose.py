@@ -39,7 +39,7 @@ from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import Fit, rmse_over_samples
 from shockrig.analysis.estimate.gather import build_channel, usable_runs, why_none
-from shockrig.analysis.estimate.predictive import BUMP_COUNT, as_stated, bumps
+from shockrig.analysis.estimate.predictive import as_stated, bumps, gram, left_out
 from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, looked_for
 from shockrig.analysis.estimate.seen import FEW_RUNS
@@ -52,7 +52,8 @@ from shockrig.files.numbers import counted
 
 Array = NDArray[np.float64]
 
-MOST_PREDICTING = 8  # models of the largest weight that are tried on runs held out
+MOST_PREDICTING = 8  # models that are tried on runs held out
+RUN_ERRORS = 5  # independent errors that a run counts as: what a model is wrong by is no noise, it comes again
 LEAST_TRIED = 0.01  # weight of a model that is not stated, from which on its effect is said to have been tried
 LEAST_SQUARE = 1e-30  # of a mean square or a weight, whose logarithm is taken
 
@@ -278,26 +279,31 @@ def _predicting(
     stands: Predicting,
     shown: tuple[Discovered, ...],
 ) -> Predicting:
-    """The model that predicts best: of the heaviest ones, the stated and the plain one, that whose weight over the
-    product of the mean squares of runs held out is largest.
+    """The model that predicts best: of those that to first order do, the stated and the plain one, that which does where
+    it is fitted anew without the runs that it predicts.
 
     A name has to be sure, a prediction only good: models whose effects say nothing may predict as well. Each run counts
-    as two independent errors of unknown size: that is their likelihood, and the weight their prior. Where no run can be
-    held out, it is the model that leaves least of those that it was fitted to, as `_criterion` counts it.
+    as a few independent errors of unknown size: that is their likelihood, and the weight their prior. Where no run can
+    be held out, it is the model that leaves least of those that it was fitted to, as `_criterion` counts it.
     """
-    problem = ready.problem
-    weight = {id(one): w for one, w in found.predictors}
-    log_squares: dict[int, Array] = {}
+    problem, models = ready.problem, [one for one, _ in found.predictors]
+    log_prior = {id(one): np.log(max(weight, LEAST_SQUARE)) for one, weight in found.predictors}
+
+    def loss(one: Rated, squares: Array) -> float:
+        lost = RUN_ERRORS * _logs(squares).sum() - log_prior.get(id(one), np.log(LEAST_SQUARE))
+        return float(np.nan_to_num(lost, nan=np.inf))
+
+    squares = dict[int, Array]()
     if parts:
-        heavy = (one for one, _ in found.predictors[:MOST_PREDICTING])
-        among = {id(one): one for one in (*heavy, found.best, found.plain)}
-        log_squares = {k: np.log(np.maximum(held_out_squares(parts, m), LEAST_SQUARE)) for k, m in among.items()}
-        losses = {k: own.sum() - np.log(max(weight.get(k, 0.0), LEAST_SQUARE)) for k, own in log_squares.items()}
+        bump = bumps(problem)
+        first = sorted(models, key=lambda one: loss(one, left_out(gram(problem, one.fit, bump))))[:MOST_PREDICTING]
+        models = list({id(one): one for one in (*first, found.best, found.plain)}.values())
+        squares = {id(one): held_out_squares(parts, one) for one in models}
+        losses = [loss(one, squares[id(one)]) for one in models]
     else:
-        among = {id(one): one for one, _ in found.predictors}
-        losses = {k: _criterion(problem.channel, one.fit) for k, one in among.items()}
-    told = {k: loss for k, loss in losses.items() if np.isfinite(loss)}
-    model = among[min(told, key=told.__getitem__)] if told else found.best
+        losses = [_criterion(problem.channel, one.fit) for one in models]
+    best = int(np.argmin(losses))
+    model = models[best] if np.isfinite(losses[best]) else found.best
     if model is found.best:
         return stands
     fit, stated_so = _final(problem, model, than_runs=True), replace(found, best=model)
@@ -306,21 +312,24 @@ def _predicting(
         fit,
         _causes(ready, stated_so, fit),
         (*stated(problem, stated_so, fit), *shown),
-        (_middle(log_squares[id(found.best)]), _middle(log_squares[id(model)])) if parts else None,
+        (_middle(squares[id(found.best)]), _middle(squares[id(model)])) if parts else None,
     )
 
 
 def _criterion(channel: Channel, found: Fit) -> float:
-    """Schwarz's criterion of a fit, halved [nats]: each run counts as as many independent errors of unknown size as a
-    discrepancy has bumps, since what a model is wrong by is no noise: it is there again in the next run."""
-    errors = BUMP_COUNT * channel.runs
+    """Schwarz's criterion of a fit, halved [nats]: each run counts as a few independent errors of unknown size."""
+    errors = RUN_ERRORS * channel.runs
     square = max(rmse_over_samples(channel, found) ** 2, LEAST_SQUARE)
     return 0.5 * (errors * np.log(square) + found.theta.size * np.log(errors))
 
 
-def _middle(log_squares: Array) -> float:
-    """Geometric mean of the rms errors of runs [unit], from the logarithms of their squares (R,)."""
-    return float(np.exp(0.5 * log_squares.mean()))
+def _logs(squares: Array) -> Array:
+    return np.asarray(np.log(np.maximum(squares, LEAST_SQUARE)))
+
+
+def _middle(squares: Array) -> float:
+    """Geometric mean of the rms errors of runs [unit], from their squares (R,)."""
+    return float(np.exp(0.5 * _logs(squares).mean()))
 
 
 def _borne_out(

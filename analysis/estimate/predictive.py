@@ -226,6 +226,16 @@ def score(problem: Problem, found: Fit, bump: Array, blocks: NDArray[np.int64] |
     return Score(runs, float(DISCREPANCIES[best % DISCREPANCIES.size]))
 
 
+def left_out(g: Gram) -> Array:
+    """What a fit leaves of each run under the parameters that the other runs alone give it (R,), to first order: the
+    whitened square (r_i - J_i d_i)' C_i^-1 (r_i - J_i d_i)."""
+    own, right, square = (x[0] for x in _reduced(g, np.zeros(1))[:3])
+    rest = own.sum(axis=0) + np.diag(g.prior) - own
+    shift = np.linalg.solve(rest, (right.sum(axis=0) + g.pull - right)[..., None])[..., 0]
+    left = square - 2.0 * (shift * right).sum(axis=-1) + np.einsum("rp,rpq,rq->r", shift, own, shift)
+    return np.where(left < 0.0, np.nan, left)  # which is rounding, of a fit that says nothing
+
+
 def weights(densities_of: Sequence[Array], log_prior: Sequence[float], draws: int = 1000, seed: int = 26) -> Array:
     """Weight of each model (M,): pseudo-BMA+ over a bootstrap of the runs (after Yao and others 2018,
     doi 10.1214/17-BA1091)."""
