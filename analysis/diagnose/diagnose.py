@@ -279,8 +279,8 @@ def _predicting(
     stands: Predicting,
     shown: tuple[Discovered, ...],
 ) -> Predicting:
-    """The model that predicts best: of those that to first order do, the stated and the plain one, that which does where
-    it is fitted anew without the runs that it predicts.
+    """The model that predicts best: of those that do to first order, the stated and the plain one, that which does
+    where it is fitted anew without the runs that it predicts.
 
     A name has to be sure, a prediction only good: models whose effects say nothing may predict as well. Each run counts
     as a few independent errors of unknown size: that is their likelihood, and the weight their prior. Where no run can
