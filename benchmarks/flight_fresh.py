@@ -43,11 +43,16 @@ def _dust_cap(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng)
     return bead, lagged(humidity * scale, rng.uniform(5, 12)) / scale
 
 
-def thermals(rng: Rng) -> World:
-    """Circling: in and out of moist thermals, every half minute."""
-    time, period = clock(), rng.uniform(20, 40)
-    inside = 1.0 / (1.0 + np.exp(-8.0 * np.sin(2 * np.pi * time / period)))
-    return air(rng, 18.0 + 1.2 * inside, 50.0 + 10.0 * inside, at_c=18.0, k=0.08, percent=0.4)
+def hops(rng: Rng) -> World:
+    """Up in hops of some thirty metres, hovering between them, through an inversion on the way."""
+    time = clock()
+    times = np.cumsum(np.ravel([(rng.uniform(12, 22), rng.uniform(4, 8)) for _ in range(14)]))
+    levels = np.cumsum(rng.uniform(20, 40, 15))
+    height = through(time, list(times), list(np.repeat(levels, 2)[1:-1]), 0.5)
+    base = rng.uniform(100, 250)
+    warmer = rng.uniform(2, 5) / (1.0 + np.exp(-(height - base) / 10.0))
+    share = 1.0 - 0.4 / (1.0 + np.exp(-(height - base) / 10.0))
+    return air(rng, 18.0 - 0.0098 * height + warmer, 50.0 * share, at_c=18.0, k=0.05, percent=0.3, altitude_m=height)
 
 
 def sea_breeze(rng: Rng) -> World:
@@ -156,7 +161,7 @@ FRESH: dict[str, Callable[[Rng], World]] = {
     "out of its box": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _soaked),
     "wet bead": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _wet_bead),
     "dust cap": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _dust_cap),
-    "thermals": thermals,
+    "hops": hops,
     "sea breeze": sea_breeze,
     "cold pool, twice": snow_hole,
     "jitter": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2), _jitter),

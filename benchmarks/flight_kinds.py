@@ -314,6 +314,13 @@ def _half_kelvins(log: dict[str, Array], rng: Rng) -> None:
     log["temperature_c"] = np.round(2.0 * log["temperature_c"]) / 2.0
 
 
+def thermals(rng: Rng) -> World:
+    """Circling: in and out of moist thermals, every half minute."""
+    time, period = clock(), rng.uniform(20, 40)
+    inside = 1.0 / (1.0 + np.exp(-8.0 * np.sin(2 * np.pi * time / period)))
+    return air(rng, 18.0 + 1.2 * inside, 50.0 + 10.0 * inside, at_c=18.0, k=0.08, percent=0.4)
+
+
 def long_layers(rng: Rng) -> World:
     """Twenty minutes through layers, for a film slower than a window."""
     time = clock(1200.0)
@@ -403,6 +410,7 @@ KINDS: dict[str, Callable[[Rng], World]] = {
     "late die": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _late_die),
     "logger mean": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _logger_mean),
     "hysteresis": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _hysteresis),
+    "thermals": thermals,
     "saturated fog": lambda r: air(r, through(clock(), [80.0, 100.0], [6.0, 4.0], 1.0), 100.0, k=0.05),
 }
 assert saturation_hpa(np.array(100.0)).round(2) == 1013.25

@@ -34,6 +34,7 @@ SMOOTHER = (
     "comparisons.LEAST_EXPLAINED",
     "comparisons.LEAST_OF_ITS_SIZE", "comparisons.MOST_OF_ITS_SIZE", "comparisons.NOT_AS_STATED",
     "comparisons.MOST_TIMES", "comparisons.COVERED_S", "comparisons.DRIFT_S", "air_prior.BINS_PER_OCTAVE",
+    "air_prior.SMOOTH_SHARE",
     "columns.CHANGE", "columns.NOTHING", "columns.CUT", "columns.ALL_NOTHING", "columns.ALL_WARM", "columns.ALL_ODD",
     "smooth_channel.TO_AND_FRO", "smooth_channel.LEAST_CALM",
     "smooth_channel.PLACES_IN_GAP", "smooth_channel.COMPARABLE_SHARE", "smooth_channel.MOST_SURPRISE",

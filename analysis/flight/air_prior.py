@@ -13,6 +13,7 @@ from math import factorial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit, logit
 
 from shockrig.analysis.flight.response import LagResponse, stepped
 
@@ -46,13 +47,16 @@ class Prior:
     """Strengths, arrays of one shape: `turbulence` [unit], `bend` [unit / s^1.5], `noise` [unit], one sigma each.
 
     Where the air's course is `smooth`, it is the trend's curvature that walks and not its slope: power f^-6 and not
-    f^-4, and `bend` is in unit / s^2.5.
+    f^-4, and `bend` is in unit / s^2.5. Where it may be, `instead` are the strengths under that trend, and `share` is
+    how likely it is.
     """
 
     turbulence: Array
     bend: Array
     noise: Array
     smooth: bool = field(default=False, kw_only=True)
+    instead: Prior | None = field(default=None, kw_only=True)
+    share: float = field(default=0.0, kw_only=True)
 
     def each(self, of: Callable[[Array], Array]) -> Prior:
         """The same with a function taken of each strength."""
@@ -145,6 +149,7 @@ UNLIKELY_NATS = (
     100.0  # of log-likelihood: more than lies between one such point and what is best beside it, and what counts
 )
 SURELY_SMOOTH = 10.0  # of log-likelihood: what makes the air's course a smooth one (waves) beyond doubt
+SMOOTH_SHARE = 0.1  # of flights that are as smooth, before they are looked at
 TINY_POWER = 1e-300
 NEWTON_DAMPING, MOST_STEPS = 1e-3, 100
 LARGEST_MOVE, SETTLED = 2.0, 1e-3  # of ln strength
@@ -215,9 +220,11 @@ def fit_prior(
         shapes = [_usual(s / own, several) for s in seen(response, frequency, period_s, parts, smooth)]
         found.append(_most_likely(power, known, np.stack(shapes), white, weight, noise, spread))
     (rough_cost, rough), (smooth_cost, smooth_strengths) = found
-    smooth = smooth_cost < rough_cost - SURELY_SMOOTH
-    turbulence, bend, own_noise = np.exp(smooth_strengths if smooth else rough)
-    return Prior(turbulence, bend, own_noise, smooth=smooth)
+    as_smooth = Prior(*np.exp(smooth_strengths), smooth=True)
+    if smooth_cost < rough_cost - SURELY_SMOOTH:
+        return as_smooth
+    share = float(expit(logit(SMOOTH_SHARE) + rough_cost - smooth_cost))
+    return Prior(*np.exp(rough), instead=as_smooth, share=share)
 
 
 def _usual(segments: Array, several: bool) -> Array:
@@ -347,6 +354,10 @@ def fit_windows(
     share = likely * (prior[0].T @ others.astype(np.float32) @ prior[1])
     share /= share.sum(axis=(1, 2), keepdims=True)
     turbulent, bent = np.sqrt(share.sum(axis=2) @ strengths[0]), np.sqrt(share.sum(axis=1) @ strengths[1])
+    if common.instead is not None:
+        # a trend that falls less steeply than the air's takes the part of its turbulence
+        other = fit_windows(reading, response, period_s, common.instead, passing, relative_noise, parts).turbulence
+        turbulent = np.sqrt((1.0 - common.share) * turbulent**2 + common.share * other**2)
     return Prior(turbulent, bent, common.noise * np.ones(len(reading)), smooth=common.smooth)
 
 

@@ -216,6 +216,11 @@ def test_humidity_beside_a_temperature_in_half_kelvins_is_covered(seed):
     assert humidity["covered"] > 0.9 and humidity["ours"] < 0.2
 
 
+def test_a_trend_that_may_be_smooth_leaves_the_air_its_turbulence():
+    """In and out of thermals: a trend whose power falls as f^-4 took all of it; 0.82 covered before."""
+    assert benchmark("flight_harm").score("thermals", 3600, False)[0]["covered"] > 0.9
+
+
 def test_coarse_readings_in_calm_air_are_averaged_and_honest():
     covered, gain = [], []
     for seed in range(3):
