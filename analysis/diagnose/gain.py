@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -269,15 +270,13 @@ def measure_gain(channel: Channel, parts: Sequence[HeldOutPart], base: Structure
 
 def _as_held_out(channel: Channel, left: Mapping[int, tuple[Array, Array]]) -> HeldOut:
     """Residuals of runs, before and after, at the samples at which both are known."""
-    runs, times, sides = sorted(left), list[Array](), list[tuple[Array, ...]]()
-    for run in runs:
+    found: list[tuple[Any, ...]] = []
+    for run in sorted(left):
         time, _ = channel.samples[run]
         both = np.array(left[run])[:, : time.size]
         known = np.isfinite(both).all(axis=0)
-        times.append(time[known])
-        sides.append(tuple(both[:, known]))
-    before, after = (tuple(side[k] for side in sides) for k in range(2))
-    return HeldOut(tuple(runs), tuple(channel.run_ids[i] for i in runs), tuple(times), before, after)
+        found.append((run, channel.run_ids[run], time[known], *both[:, known]))
+    return HeldOut(*zip(*found, strict=True))
 
 
 def held_out_squares(parts: Sequence[HeldOutPart], model: Rated) -> Array:

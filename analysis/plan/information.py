@@ -27,12 +27,6 @@ from shockrig.analysis.estimate.problem import Problem
 Array = NDArray[np.float64]
 
 
-def joined_ambients(known_c: Array, wanted_c: Sequence[float]) -> Array:
-    """Ambients (G,) of a fit followed by those wanted that it does not have."""
-    new = [t for t in wanted_c if not (np.abs(known_c - t) <= AMBIENT_WIDTH_K).any()]
-    return np.concatenate([known_c, new])
-
-
 def rates_at(known_c: Array, log_rates: Array, wanted_c: Array) -> Array:
     """ln rates at `wanted_c`, straight in 1/T through those known; beyond them with a film's usual slope.
 
@@ -125,7 +119,8 @@ def information(
     """What a fit knows, and what each of some runs would add, at its ambients and those wanted besides."""
     channel, rates = problem.channel, found.model.rates
     pooled = channel.quantity.pooled
-    ambients = channel.ambients_c if pooled else joined_ambients(channel.ambients_c, wanted_c)
+    elsewhere = [] if pooled else [t for t in wanted_c if (np.abs(channel.ambients_c - t) > AMBIENT_WIDTH_K).all()]
+    ambients = np.concatenate([channel.ambients_c, elsewhere])
     more = ambients.size - channel.rates
     place = np.concatenate([np.arange(channel.rates), np.arange(ambients.size, found.theta.size + more)])
     known = np.zeros((found.theta.size + more,) * 2)
