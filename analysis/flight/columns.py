@@ -34,7 +34,7 @@ ALL_NOTHING, ALL_WARM, ALL_ODD = 20.0, 24.0, 6.0  # odd: exchanged, or in degF
 WARM_C = 35.0  # few airs are flown in that are warmer
 LEAST_GONE = 1e-3  # K or %RH: of a column that stands
 SURE = 0.8  # probability of what is done with a row
-CHAINS = 32  # that are followed at once
+CHAINS = 32  # that are followed at once: twice as many change nothing, half as many do
 
 # What a piece may hold: whether the columns are exchanged, and which of both quantities is in degF: a unit goes with
 # its quantity, or stays with the column that was converted.
@@ -259,7 +259,9 @@ def _together(cost: Array, group: Rows, count: int) -> Array:
 
 def _merged(chains: _Chains) -> tuple[_Chains, Rows]:
     """The likeliest of some chains (c,), those that go on alike as one, and into which each went, or -1: into none."""
-    _, first, group = np.unique(np.stack([chains.kind, *chains.source]), axis=1, return_index=True, return_inverse=True)
+    base = int(chains.source.max()) + 2
+    alike = (chains.kind * base + chains.source[0] + 1) * base + chains.source[1] + 1
+    _, first, group = np.unique(alike, return_index=True, return_inverse=True)
     cost = _together(chains.cost, group, first.size)
     order = np.argsort(cost, kind="stable")[:CHAINS]
     into = np.full(first.size, -1)
