@@ -107,8 +107,8 @@ class ColumnsHold:
 
 
 def held(columns: Array, resolutions: Sequence[float]) -> ColumnsHold:
-    """What the columns (2, n) for temperature and humidity hold. A log that is surely as it should be nowhere may be
-    exchanged, or in degF, from its first row to its last: it is taken as it is."""
+    """What the columns (2, n) for temperature and humidity hold. A log that is exchanged, or in degF, from its first row
+    to its last is taken as it is: nothing tells."""
     none = np.zeros(columns.shape, dtype=bool)
     as_it_is = ColumnsHold(none[0], none[0], none)
     # of what either can be
@@ -122,9 +122,10 @@ def held(columns: Array, resolutions: Sequence[float]) -> ColumnsHold:
     pieces = _pieces(columns, usual, np.stack(stuck))
     read = known.any(axis=0)
     shares = np.repeat(_shares(pieces, usual), np.diff(np.append(pieces.row, read.size)), axis=1)
-    if not (shares[0, read] > SURE).any():
-        return as_it_is
     share, in_degf = shares[KINDS[:, 0] == 1].sum(axis=0), KINDS[:, 1:].T @ shares
+    if not (shares[0, read] > SURE).any():
+        # the places are told but for which are which, and fewer are rather exchanged; or nothing is
+        return as_it_is if (share[read] > 0.5).all() else ColumnsHold(share > 0.5, none[0], none)
     # where they are as near as that, either will do
     alike = np.abs(columns[1] - columns[0]) < CUT * max(one.usual[0] for one in usual)
     unsure = (np.abs(share - 0.5) < SURE - 0.5) & read & ~alike
