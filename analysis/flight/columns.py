@@ -107,8 +107,8 @@ class ColumnsHold:
 
 
 def held(columns: Array, resolutions: Sequence[float]) -> ColumnsHold:
-    """What the columns (2, n) for temperature and humidity hold. A log that is exchanged, or in degF, from its first row
-    to its last is taken as it is: nothing tells."""
+    """What the columns (2, n) for temperature and humidity hold. A log that is exchanged, or in degF, from its first
+    row to its last is taken as it is: nothing tells."""
     none = np.zeros(columns.shape, dtype=bool)
     as_it_is = ColumnsHold(none[0], none[0], none)
     # of what either can be
