@@ -453,7 +453,7 @@ def held(
     sigma = channel.uncertainty
     impossible = np.abs(past) > READING_SIGMAS * sigma
     odd = np.where(impossible, np.sign(past), broken)
-    as_before = _as_before(value, own, odd, impossible, readings, notes)
+    as_before, own_way = _as_before(value, own, odd, impossible, readings, notes)
     if (capped := _capped(channel, np.full(raw.shape, -np.inf)) & ~channel.raw).any():
         value = _above_ceiling(value, raw, capped, channel, readings, notes)
         beyond = np.where(capped & np.isfinite(value), value - raw, 0.0)
@@ -472,17 +472,20 @@ def held(
     unsure = np.hypot(np.hypot(np.where(capped, sigma, channel.uncertainty), anywhere), left_open)
     beyond = np.where(capped, 0.0, _beyond_both_sides(channel, readings, unit))
     channel = replace(channel, uncertainty=np.hypot(channel.uncertainty, np.hypot(beyond, as_before)))
-    return _nearer(channel, readings, unit, np.hypot(unsure, beyond))
+    channel = _nearer(channel, readings, unit, np.hypot(unsure, beyond))
+    as_read = own_way & np.isfinite(own) & ~(channel.raw | capped)
+    return replace(channel, value=np.where(as_read, own, channel.value))
 
 
 def _as_before(
     value: Array, own: Array, odd: Array, impossible: Mask, readings: FlightReadings, notes: list[str]
-) -> Array:
+) -> tuple[Array, Mask]:
     """Uncertainty (n,) from where the readings go up (`odd` 1) or down (-1) as no air makes them (`impossible`), or
     none that another sensor would not have shown: it may lie anywhere between what it was before and its `value` (n,),
     until this is back there, or had the time for that since it went back as oddly; and for as long as the sensor
-    remembers it between that and the sensor's `own` reading."""
-    unsure, rows, behind = np.zeros(value.shape), _remembered(readings), 0
+    remembers it between that and the sensor's `own` reading. And where (n,) the sensor is likelier to have done that by
+    itself: it went and came back, both as no air would or the other sensor shows."""
+    unsure, itself, rows, behind = np.zeros(value.shape), np.zeros(value.shape, dtype=bool), _remembered(readings), 0
     lagging = np.nan_to_num(np.abs(value - own))
     for first in np.flatnonzero(odd).tolist():
         if first < behind:
@@ -497,6 +500,8 @@ def _as_before(
         unsure[first:behind] = np.maximum(gone, 0.0)[: behind - first]
         after = slice(first, min(until + rows, value.size))
         unsure[after] = np.maximum(unsure[after], lagging[after])
+        came_back = bool((odd[first:until] == -way).any())
+        itself[after] |= came_back
         behind = until
         if until == first:  # it went no farther that way than it was before
             continue
@@ -509,8 +514,9 @@ def _as_before(
         notes.append(
             f"{readings.channel}: from {readings.time_s[first]:.10g} s on the reading goes "
             f"{'up' if way > 0 else 'down'} {why}; until {until_s:.10g} s the air may be as it was before"
+            + (", and is given as read, since it comes back like that as well" if came_back else "")
         )
-    return unsure / np.sqrt(3.0)
+    return unsure / np.sqrt(3.0), itself
 
 
 def _beyond_both_sides(channel: FlightChannel, readings: FlightReadings, unit: Array) -> Array:

@@ -642,11 +642,14 @@ def test_a_jump_in_a_long_gap_may_be_as_late_as_the_readings_behind_it_let_be():
 
 
 def test_a_jump_of_vapour_that_the_temperature_does_not_show_may_be_the_film_itself():
-    """Drops, and a heater once a minute. Before: 80 and 73 % covered. A door, which the temperature shows, is air."""
+    """Drops, and a heater once a minute. Before: 80 and 73 % covered. A drop that comes and goes is given as read, 1.5
+    times as wrong before. A door, which the temperature shows, is air."""
     harm = benchmark("flight_harm")
-    covered = {kind: np.mean([harm.score(kind, seed, False)[1]["covered"] for seed in (3780, 3781)])
-               for kind in ("drops on the film", "heated film")}  # fmt: skip
-    assert covered["drops on the film"] > 0.9 and covered["heated film"] > 0.78, covered
+    found = {kind: [harm.score(kind, seed, False)[1] for seed in (3780, 3781)]
+             for kind in ("drops on the film", "heated film")}  # fmt: skip
+    drops, heated = ([one["covered"] for one in flights] for flights in found.values())
+    assert np.mean(drops) > 0.9 and np.mean(heated) > 0.78
+    assert np.mean([one["ours"] / one["reading"] for one in found["drops on the film"]]) < 1.15
     assert harm.score("door, vapour too", 3780, False)[1]["stated"] < 0.2
 
 
