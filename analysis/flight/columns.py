@@ -25,7 +25,7 @@ Mask = NDArray[np.bool_]
 CUT = 8.0  # times what a column usually goes, that it jumps by between two pieces
 LEVEL_ROWS = 3  # at either end of a piece: single readings may be noise
 NOISE_ROWS = 15
-LONGEST_GAP_ROWS = 5  # within a piece
+LONGEST_GAP = 5.0  # within a piece, times the rows from one reading to the next around
 STUCK_SHARE = 0.9  # of a piece's readings, in one that says nothing of its quantity
 CHANGE = 7.0  # nats against columns that change place, or unit
 NOTHING = 16.0  # nats against a column that holds neither quantity from a jump on: a code, a burst
@@ -81,15 +81,15 @@ class _Chains:
 
 
 class _Usual:
-    """How far a column's readings (n,) usually go within so many rows: no less than a step of the log."""
+    """How far a column's readings (n,) usually go within so many rows: no less than a step of the log. It may have been
+    read in every tenth row: what lies between two readings is told by how many readings on the second one is."""
 
     def __init__(self, values: Array, resolution: float) -> None:
-        self.lags = 2 ** np.arange(max(int(np.log2(values.size)), 1))
-        usual = []
-        for lag in self.lags:
-            gone = np.abs(values[lag:] - values[:-lag])
-            gone = gone[np.isfinite(gone)]
-            usual.append(MAD_TO_SIGMA * float(np.median(gone)) if gone.size else 0.0)
+        rows = np.flatnonzero(np.isfinite(values))
+        self.lags, usual = [], []
+        for on in 2 ** np.arange(int(np.log2(rows.size))):
+            self.lags.append(float(np.median(rows[on:] - rows[:-on])))
+            usual.append(MAD_TO_SIGMA * float(np.median(np.abs(values[rows[on:]] - values[rows[:-on]]))))
         self.usual = np.maximum.accumulate(np.maximum(usual, max(resolution, LEAST_GONE)))
 
     def __call__(self, rows: Rows) -> Array:
@@ -159,7 +159,7 @@ def _pieces(columns: Array, usual: list[_Usual], stuck: Mask) -> _Pieces:
         step, lag = np.abs(np.diff(values[rows], prepend=values[rows[0]])), np.diff(rows, prepend=rows[0])
         noises.append(MAD_TO_SIGMA * median_filter(step, NOISE_ROWS, mode="nearest"))
         jumps.append(rows[step > CUT * np.maximum(most(lag), noises[-1])])
-        behind = np.flatnonzero(lag > LONGEST_GAP_ROWS)
+        behind = np.flatnonzero(lag > LONGEST_GAP * median_filter(lag, NOISE_ROWS, mode="nearest"))
         cuts += [jumps[-1], rows[:1], rows[behind], rows[behind - 1] + 1, rows[-1:] + 1]
     # where they are as near as that, they may change place without a jump
     rows = np.intersect1d(known[0], known[1])

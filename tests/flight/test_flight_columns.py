@@ -1,6 +1,7 @@
 """Which column holds what: exchanged columns that are told by what each quantity was last."""
 
 import numpy as np
+import pytest
 from benchmark_scripts import benchmark
 
 from shockrig.analysis.flight.columns import held
@@ -24,6 +25,18 @@ def test_an_end_in_a_gap_of_one_column_is_told_by_what_both_held_last():
     told = held(log, RESOLUTIONS)
     known = np.isfinite(log).any(axis=0)
     assert np.array_equal(told.exchanged[known], there[known]) and not told.unsure.any()
+
+
+@pytest.mark.parametrize("there", [np.zeros(ROW.size, dtype=bool), (ROW >= 500) & (ROW < 800)])
+@pytest.mark.parametrize("dense", [0, 700])
+@pytest.mark.parametrize("quantity", [0, 1])
+def test_a_quantity_that_was_read_in_every_tenth_row_goes_as_far_as_in_any_other(quantity, dense, there):
+    """Before: each reading was a piece, and of how far the column usually goes nothing was known; half of the rows of
+    such a log were exchanged, or missing."""
+    read = [AIR + 2.0 * np.sin(ROW / 100.0), HUMIDITY - 5.0 * np.sin(ROW / 80.0)]
+    read[quantity] = np.where((ROW < dense) | (ROW % 10 == 0), read[quantity], np.nan)
+    told = held(columns(there, *read), RESOLUTIONS)
+    assert np.array_equal(told.exchanged, there) and not told.unsure.any() and not told.degf.any()
 
 
 def test_a_column_that_was_converted_to_fahrenheit_as_it_held_the_other_quantity_is_told():
