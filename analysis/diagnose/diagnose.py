@@ -38,7 +38,7 @@ from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import Fit, rmse_over_samples
-from shockrig.analysis.estimate.gather import build_channel, usable_runs, why_none
+from shockrig.analysis.estimate.gather import UNSETTLED, build_channel, usable_runs, why_none
 from shockrig.analysis.estimate.predictive import as_stated, bumps, gram, left_out
 from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, looked_for
@@ -101,6 +101,18 @@ def rates_apart(final: Fit) -> tuple[str, ...]:
     return (
         f"The runs differ in how fast they are by some {final.rate_scatter:.0%}, and nothing that was named says why: "
         "see that all are of one sensor, in one airflow.",
+    )
+
+
+def mostly_unsettled(channel: Channel) -> tuple[str, ...]:
+    """A sentence where more runs were left out for readings that drift at rest than are judged."""
+    drifting = sum(one.reason.startswith(UNSETTLED) for one in channel.left_out)
+    if drifting <= channel.runs:
+        return ()
+    return (
+        f"In {drifting} of {drifting + channel.runs} runs the {channel.sensor} was not settled before the transfer: "
+        f"what is judged is the other {channel.runs} alone. Where it had time to settle, what moves it at rest is "
+        "unexplained.",
     )
 
 
@@ -213,12 +225,14 @@ def diagnose_channel(
     restless = (bursts(problem.channel, ready.noise, remainder.tolerance), hum)
     shown = (*ready.shown, *(one for one in restless if one is not None))
     parted = [f for f in findings if f.kind == PARTED and f.channel in (None, channel.name)]
+    unsettled = mostly_unsettled(channel)
     standing = Standing(
         named=len(causes),
         forms=len(forms),
         shown=len(shown),
         left_over=matters,
         parted=bool(parted),
+        unsettled=bool(unsettled),
         borne_out=gain.measured,
         claims=any(not CATALOGUE[c.effect].candidacy.shape for c in causes),
     )
@@ -249,6 +263,7 @@ def diagnose_channel(
             *rates_apart(final),
             *ended(found),
             *(f.sentence for f in parted),
+            *unsettled,
         ),
         tried=_tried(found),
         discrepancy=describe(problem, found.best.fit, ready.noise, adequacy, remainder) if told else None,

@@ -22,6 +22,8 @@ class Standing:
         Whether that model leaves more than chance does on unseen runs, and as much as the tolerance.
     parted : bool
         Whether a check of the input says that the runs fall into groups which the model does not part.
+    unsettled : bool
+        Whether most runs could not be used since their readings did not stand still before the transfer.
     borne_out : bool
         Whether another run than those that were fitted could be tried.
     claims : bool
@@ -33,6 +35,7 @@ class Standing:
     shown: int = 0
     left_over: bool = False
     parted: bool = False
+    unsettled: bool = False
     borne_out: bool = True
     claims: bool = True
 
@@ -42,7 +45,8 @@ def verdict(s: Standing) -> Verdict:
 
     Something that is left and matters is unexplained. A form or something shown makes a description; effects of the
     catalogue alone, an explanation. A model with nothing added is adequate, where no candidate predicts unseen runs
-    better (or it would not have the largest weight) and no check of the input speaks against it.
+    better (or it would not have the largest weight), no check of the input speaks against it, and it has been tried on
+    most of the runs that were made.
     """
     if s.left_over or (s.parted and not s.forms):
         return "unexplained"
@@ -50,4 +54,6 @@ def verdict(s: Standing) -> Verdict:
         return "unexplained"  # a shape that no other run has borne out explains nothing
     if s.forms or s.shown:
         return "described"
-    return "explained" if s.named else "adequate"
+    if s.named:
+        return "explained"
+    return "unexplained" if s.unsettled else "adequate"

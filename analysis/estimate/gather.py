@@ -197,6 +197,7 @@ SLOWED_TIMES, SLOWED_FROM_S = 3.0, 0.5  # usual durations, and seconds, from whi
 UNKNOWN_AIRFLOW_M_S = 5.0
 UNKNOWN_AMBIENT_WIDTH_K = 5.0  # of rooms and boxes that nobody measured; how D moves within it is interpolated
 SLIGHT_STEP = 0.1  # of the largest step
+UNSETTLED = "not settled before the transfer"  # why a run is left out whose plateau drifts
 FEWEST_AFTER = 6  # readings after a transfer
 SHORTEST_BEFORE, SHORTEST_AFTER = 2.0, 7.0  # records around a transfer, in times to half of the step; else 1 s and 5 s
 
@@ -377,7 +378,7 @@ def _unfit(one: UsableRun, quantity: Quantity, tempo: float, half_s: float) -> s
         return f"no {quantity.name} step ({step:.2g} {quantity.unit})"
     limit = max(quantity.settled_within, (0.02 if known else 0.05) * step)
     if abs(drift) > limit:
-        return f"not settled before the transfer: the plateau drifts by {drift:+.2f} {quantity.unit}"
+        return f"{UNSETTLED}: the plateau drifts by {drift:+.2f} {quantity.unit}"
     return None
 
 
