@@ -250,12 +250,12 @@ def _shares(pieces: _Pieces, usual: list[_Usual]) -> Array:
 
 
 def _together(cost: Array, group: Rows, count: int) -> Array:
-    """Nats (`count`,) against any of those (n,) in each group."""
+    """Nats (`count`,) against any of those (n,) in each group; infinite where none goes on."""
     least = np.full(count, np.inf)
     np.minimum.at(least, group, cost)
     base = np.where(np.isfinite(least), least, 0.0)
     weight = np.bincount(group, np.exp(base[group] - cost), count)
-    return base - np.log(np.maximum(weight, 1e-300))
+    return base - np.log(weight, out=np.full(count, -np.inf), where=weight > 0.0)
 
 
 def _merged(chains: _Chains) -> tuple[_Chains, Rows]:
