@@ -101,6 +101,8 @@ def made_of(kind: Any, content: Any) -> Any:
         return kind(**{field.name: made_of(kinds[field.name], content.get(field.name)) for field in fields(kind)})
     if isinstance(kind, UnionType):  # with None
         return None if content is None else made_of(get_args(kind)[0], content)
+    if content is None:
+        raise TypeError(f"a field is missing, of {kind}")
     if get_origin(kind) is tuple:
         return tuple(made_of(get_args(kind)[0], one) for one in content)
     if get_origin(kind) is Mapping:

@@ -6,6 +6,7 @@ import pytest
 from foreign_lab import Arrival, Lab, LabLogger, LabRun, Written, make_body, record
 
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
+from shockrig.analysis.diagnose.diagnosed import ChannelOutcome, Near, read_outcome
 from shockrig.analysis.diagnose.verdict import Standing, verdict
 from shockrig.analysis.estimate.channel import LeftOut
 from shockrig.analysis.estimate.gather import UNSETTLED, build_channel
@@ -62,3 +63,15 @@ def test_runs_that_are_good_speak_for_no_sensor_that_is_restless_in_most(tmp_pat
     few, most = told_beside(4), told_beside(5)
     assert few.verdict == "adequate" and not any("settled" in said for said in few.cannot_tell)
     assert most.verdict == "unexplained" and most.cannot_tell[-1].startswith("In 5 of 9 runs")
+
+
+@pytest.mark.parametrize("key", ["runs", "passed", "weight", "best", "stated", "near", "explanation", "tied", "lacks"])
+def test_what_a_file_does_not_say_of_a_diagnosis_is_not_made_up(key):
+    """Before: without `passed` it had not passed, and without `lacks` no model lacked anything."""
+    near = {"explanation": {}, "nats": 0.0, "tied": True, "lacks": False}
+    said = {"runs": ["1"], "passed": True, "weight": 1.0, "best": {}, "stated": {}, "near": [near]}
+    whole = read_outcome("adequate", said, "temperature")
+    assert whole == ChannelOutcome("adequate", ("1",), True, 1.0, {}, {}, (Near({}, 0.0, True, False),))
+    for one in (said, near):
+        one.pop(key, None)
+    assert read_outcome("adequate", said, "temperature") is None
