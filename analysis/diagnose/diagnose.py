@@ -317,7 +317,7 @@ def _predicting(
         losses = [loss(one, squares[id(one)]) for one in models]
     else:
         losses = [_criterion(problem.channel, one.fit) for one in models]
-    best = int(np.argmin(losses))
+    best = int(np.argmin(np.nan_to_num(losses, nan=np.inf)))  # one may have led to no number
     model = models[best] if np.isfinite(losses[best]) else found.best
     if model is found.best:
         return stands

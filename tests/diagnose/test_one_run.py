@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from importlib import import_module
 
 import numpy as np
 import pandas as pd
@@ -143,6 +144,18 @@ def test_a_run_that_ends_on_its_way_predicts_another_by_its_shape_though_it_name
     assert "whose values these runs leave too open to be stated, with parallel lag" in predicting_sentence(found)
     (effect,) = extended_result(found).effects
     assert effect.effect == "parallel_lag"
+
+
+def test_a_model_that_led_to_no_number_does_not_keep_others_from_predicting(tmp_path, monkeypatch):
+    """Before: it was taken for the best, and the stated model in its place."""
+    module = import_module(diagnose.__module__)
+    criterion = module._criterion
+
+    def without_number(channel, found):
+        return criterion(channel, found) if found.structure.ids in ((), ("parallel_lag",)) else np.nan
+
+    monkeypatch.setattr(module, "_criterion", without_number)
+    assert recorded(tmp_path, 300.0).predicting.model.ids == {"parallel_lag"}
 
 
 def test_where_no_cause_is_named_the_bench_is_not_said_to_be_as_it_should(tmp_path):
