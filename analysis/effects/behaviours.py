@@ -383,7 +383,9 @@ def _added_rate(form: Form, chain: Chain, p: Arrays) -> Chain:
     size, each_s = p["size"] * _scale(form, chain, p), times_s(form, p)
     if form.driver == "own_response":
         echoed_s = np.broadcast_to(each_s, (*size.shape, each_s.shape[-1]))
-        return replace(chain, echoes=(*chain.echoes, (-size / p["time_constant_s"], echoed_s)))
+        # What is added is at most about the whole of a response: more is learnt only where hardly anything moves.
+        most = p["time_constant_s"] + 1.0 / chain.rate
+        return replace(chain, echoes=(*chain.echoes, (-np.clip(size, -most, most) / p["time_constant_s"], echoed_s)))
     before, after = _driver_step(form, chain.channel)
     step = size * (after - before) / (1.0 if form.driver == "none" else p["time_constant_s"])
     return _readout(chain, lambda reading, time: step[..., None] * _relaxed(time, each_s))

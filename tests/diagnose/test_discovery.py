@@ -167,6 +167,10 @@ def test_what_passes_many_lags_is_the_mean_of_what_passes_each(warm_rates):
     found = reading(many, size=-0.1 * 4.0, time_constant_s=4.0, history=1.5)
     np.testing.assert_allclose(found, np.mean(alone, axis=0), atol=1e-7)
     np.testing.assert_allclose(reading(many, size=-0.4, time_constant_s=4.0, history=0.0), alone[3], atol=1e-9)
+    # No more of a response is echoed than about the whole.
+    for whole in (-4.0 - 1.0 / 0.3, 4.0 + 1.0 / 0.3):
+        beyond = reading(one, size=8.0 * whole, time_constant_s=4.0)
+        np.testing.assert_allclose(beyond, reading(one, size=whole, time_constant_s=4.0), atol=1e-9)
 
 
 def test_a_rate_that_moves_while_a_run_lasts_is_a_clock_that_does(warm_rates):
