@@ -39,7 +39,7 @@ from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import Fit, rmse_over_samples
 from shockrig.analysis.estimate.gather import UNSETTLED, build_channel, usable_runs, why_none
-from shockrig.analysis.estimate.predictive import as_stated, bumps, gram, left_out
+from shockrig.analysis.estimate.predictive import BUMP_COUNT, as_stated, bumps, gram, left_out
 from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, looked_for
 from shockrig.analysis.estimate.seen import FEW_RUNS
@@ -53,7 +53,6 @@ from shockrig.files.numbers import counted
 Array = NDArray[np.float64]
 
 MOST_PREDICTING = 8  # models that are tried on runs held out
-RUN_ERRORS = 5  # independent errors that a run counts as: what a model is wrong by is no noise, it comes again
 LEAST_TRIED = 0.01  # weight of a model that is not stated, from which on its effect is said to have been tried
 LEAST_SQUARE = 1e-30  # of a mean square or a weight, whose logarithm is taken
 
@@ -298,14 +297,15 @@ def _predicting(
     where it is fitted anew without the runs that it predicts.
 
     A name has to be sure, a prediction only good: models whose effects say nothing may predict as well. Each run counts
-    as a few independent errors of unknown size: that is their likelihood, and the weight their prior. Where no run can
-    be held out, it is the model that leaves least of those that it was fitted to, as `_criterion` counts it.
+    as as many independent errors of unknown size as a discrepancy has bumps: that is their likelihood, and the weight
+    their prior. Where no run can be held out, it is the model that leaves least of those that it was fitted to, as
+    `_criterion` counts it.
     """
     problem, models = ready.problem, [one for one, _ in found.predictors]
     log_prior = {id(one): np.log(max(weight, LEAST_SQUARE)) for one, weight in found.predictors}
 
     def loss(one: Rated, squares: Array) -> float:
-        lost = RUN_ERRORS * _logs(squares).sum() - log_prior.get(id(one), np.log(LEAST_SQUARE))
+        lost = 0.5 * BUMP_COUNT * _logs(squares).sum() - log_prior.get(id(one), np.log(LEAST_SQUARE))
         return float(np.nan_to_num(lost, nan=np.inf))
 
     squares = dict[int, Array]()
@@ -332,8 +332,9 @@ def _predicting(
 
 
 def _criterion(channel: Channel, found: Fit) -> float:
-    """Schwarz's criterion of a fit, halved [nats]: each run counts as a few independent errors of unknown size."""
-    errors = RUN_ERRORS * channel.runs
+    """Schwarz's criterion of a fit, halved [nats]: each run counts as as many independent errors of unknown size as a
+    discrepancy has bumps, since what a model is wrong by is no noise: it is there again in the next run."""
+    errors = BUMP_COUNT * channel.runs
     square = max(rmse_over_samples(channel, found) ** 2, LEAST_SQUARE)
     return 0.5 * (errors * np.log(square) + found.theta.size * np.log(errors))
 
