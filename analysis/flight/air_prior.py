@@ -324,10 +324,13 @@ def fit_windows(
         most = 0.5 * float(np.log((np.maximum(power, FAINT_SHARE * known) / shape).max(axis=1).max())) + GRID_STEP
         grids.append(np.arange(least, max(most, least + 2.0) + GRID_STEP, GRID_STEP))
     strengths = [np.exp(2 * grid) for grid in grids]
-    # in units of the noise, single precision has digits to spare
-    shapes = [(shape / known).astype(np.float32) for shape in (turbulence, bend)]
+    # in units of the noise, single precision has digits to spare, and its range as well where both are near one
+    shapes, squares, weight = [], [], weight.astype(np.float32)
+    for shape, strength in zip((turbulence / known, bend / known), strengths, strict=True):
+        size = 2.0 ** np.floor(np.log2(shape.max()))
+        shapes.append((shape / size).astype(np.float32))
+        squares.append((strength * size).astype(np.float32))
     power = (power / known).astype(np.float32)
-    squares, weight = [one.astype(np.float32) for one in strengths], weight.astype(np.float32)
 
     def cost(k: int, rows: slice, columns: slice) -> NDArray[np.float32]:
         model = squares[0][rows, None, None] * shapes[0][k] + squares[1][columns, None] * shapes[1][k]
