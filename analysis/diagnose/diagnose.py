@@ -305,8 +305,7 @@ def _predicting(
     log_prior = {id(one): np.log(max(weight, LEAST_SQUARE)) for one, weight in found.predictors}
 
     def loss(one: Rated, squares: Array) -> float:
-        lost = 0.5 * BUMP_COUNT * _logs(squares).sum() - log_prior.get(id(one), np.log(LEAST_SQUARE))
-        return float(np.nan_to_num(lost, nan=np.inf))
+        return _told(0.5 * BUMP_COUNT * _logs(squares).sum() - log_prior.get(id(one), np.log(LEAST_SQUARE)))
 
     squares = dict[int, Array]()
     if parts:
@@ -316,8 +315,8 @@ def _predicting(
         squares = {id(one): held_out_squares(parts, one) for one in models}
         losses = [loss(one, squares[id(one)]) for one in models]
     else:
-        losses = [_criterion(problem.channel, one.fit) for one in models]
-    best = int(np.argmin(np.nan_to_num(losses, nan=np.inf)))  # one may have led to no number
+        losses = [_told(_criterion(problem.channel, one.fit)) for one in models]
+    best = int(np.argmin(losses))
     model = models[best] if np.isfinite(losses[best]) else found.best
     if model is found.best:
         return stands
@@ -337,6 +336,11 @@ def _criterion(channel: Channel, found: Fit) -> float:
     errors = BUMP_COUNT * channel.runs
     square = max(rmse_over_samples(channel, found) ** 2, LEAST_SQUARE)
     return 0.5 * (errors * np.log(square) + found.theta.size * np.log(errors))
+
+
+def _told(loss: float) -> float:
+    """A loss; endless where a fit led to no number."""
+    return float("inf") if np.isnan(loss) else float(loss)
 
 
 def _logs(squares: Array) -> Array:

@@ -185,14 +185,7 @@ def densities(g: Gram, discrepancies: Array, blocks: NDArray[np.int64] | None = 
             np.stack([_summed(one, place, size) for one in x]) for x in (own, right, square, log_det)
         )
         count = _summed(count, place, size)
-    scale = 1.0 / np.sqrt(np.diagonal(own.sum(axis=1), axis1=1, axis2=2) + g.prior)[:, None]
-    own, right = own * scale[..., None] * scale[..., None, :], right * scale
-    whole = own.sum(axis=1) + (g.prior * scale**2) * np.eye(g.prior.size)
-    pull = right.sum(axis=1) + g.pull * scale[:, 0]
-    rest = whole[:, None] - own
-    shift = np.linalg.solve(rest, (pull[:, None] - right)[..., None])
-    left = right - (own @ shift)[..., 0]
-    off = square - 2.0 * (shift[..., 0] * right).sum(axis=-1) + (np.swapaxes(shift, -1, -2) @ own @ shift)[..., 0, 0]
+    whole, rest, left, off = _beside_others(g, own, right, square)
     off = off - (left * np.swapaxes(np.linalg.solve(whole, np.swapaxes(left, -1, -2)), -1, -2)).sum(axis=-1)
     log_det = log_det + np.linalg.slogdet(whole)[1][:, None] - np.linalg.slogdet(rest)[1]
     # A square below nought is rounding, of a fit so far off that it says nothing.
@@ -201,6 +194,20 @@ def densities(g: Gram, discrepancies: Array, blocks: NDArray[np.int64] | None = 
     # that a run which no model describes counts by how much less one leaves of it than another, and not for thousands.
     student = (NOISE_DEGREES + count) * np.log1p((off - count) / (NOISE_DEGREES + count))
     return np.asarray(-0.5 * (count + student + log_det))
+
+
+def _beside_others(g: Gram, own: Array, right: Array, square: Array) -> tuple[Array, Array, Array, Array]:
+    """Normal matrices of all blocks (T, P, P) and without each block (T, B, P, P), and what is left of each under the
+    parameters that the others give it: of its right side (T, B, P), and of its square (T, B)."""
+    scale = 1.0 / np.sqrt(np.diagonal(own.sum(axis=1), axis1=1, axis2=2) + g.prior)[:, None]
+    own, right = own * scale[..., None] * scale[..., None, :], right * scale
+    whole = own.sum(axis=1) + (g.prior * scale**2) * np.eye(g.prior.size)
+    pull = right.sum(axis=1) + g.pull * scale[:, 0]
+    rest = whole[:, None] - own
+    shift = np.linalg.solve(rest, (pull[:, None] - right)[..., None])
+    left = right - (own @ shift)[..., 0]
+    off = square - 2.0 * (shift[..., 0] * right).sum(axis=-1) + (np.swapaxes(shift, -1, -2) @ own @ shift)[..., 0, 0]
+    return whole, rest, left, off
 
 
 def _summed(values: Array, place: NDArray[np.int64], count: int) -> Array:
@@ -229,10 +236,7 @@ def score(problem: Problem, found: Fit, bump: Array, blocks: NDArray[np.int64] |
 def left_out(g: Gram) -> Array:
     """What a fit leaves of each run under the parameters that the other runs alone give it (R,), to first order: the
     whitened square (r_i - J_i d_i)' C_i^-1 (r_i - J_i d_i)."""
-    own, right, square = (x[0] for x in _reduced(g, np.zeros(1))[:3])
-    rest = own.sum(axis=0) + np.diag(g.prior) - own
-    shift = np.linalg.solve(rest, (right.sum(axis=0) + g.pull - right)[..., None])[..., 0]
-    left = square - 2.0 * (shift * right).sum(axis=-1) + np.einsum("rp,rpq,rq->r", shift, own, shift)
+    left = _beside_others(g, *_reduced(g, np.zeros(1))[:3])[3][0]
     return np.where(left < 0.0, np.nan, left)  # which is rounding, of a fit that says nothing
 
 

@@ -124,14 +124,29 @@ def correct(
         Unknown method, no usable row, an effect without one of its parameters; RefusedError where an inverse is not
         stable.
     """
+    read, codes = (flight, {}) if method == "causal" else without_codes(flight)
+    noise = temperature_noise_k, humidity_noise_percent
+    return correct_read(read, code_notes(codes), profile, method, cutoff_hz, *noise, lag_s)
+
+
+def correct_read(
+    flight: Flight,
+    said: Sequence[str],
+    profile: Profile,
+    method: str,
+    cutoff_hz: float | None,
+    temperature_noise_k: float | None,
+    humidity_noise_percent: float | None,
+    lag_s: float | None,
+) -> Corrected:
+    """What `correct` does with a flight that is `without_codes` by now; what is `said` of these is among the notes."""
     if method == "causal":
         return causal(flight, profile, lag_s or 0.0, temperature_noise_k, humidity_noise_percent)
     if method not in METHODS:
         raise InputError(f"method {method!r}: expected one of {', '.join([*METHODS, 'causal'])}")
-    flight, codes = without_codes(flight)
     count = flight.time_s.size
     part, rows, steps = in_order(flight)
-    notes = [*profile_doubts(profile), *code_notes(codes), *doubts(part), *airspeed_notes(part), *steps]
+    notes = [*profile_doubts(profile), *said, *doubts(part), *airspeed_notes(part), *steps]
     if wrong := slips(part, profile):
         bead, film = _as_it_came(part, "; ".join(wrong), notes)
         return _gather(count, rows, bead, film, notes, {}, {})

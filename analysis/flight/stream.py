@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.flight.correct import correct_read
 from shockrig.analysis.flight.flight_channel import REMEMBERED_LAGS
 from shockrig.analysis.flight.response import bead_response, film_response
 from shockrig.analysis.flight.screen import code_notes, without_codes
@@ -75,14 +75,8 @@ def correct_file(
     try:
         for rows, before, after, logged in _with_margins(source, layout, block_rows, _remembered_s(profile)):
             flight, codes = without_codes(logged)
-            found = correct(
-                flight,
-                profile,
-                method,
-                cutoff_hz=cutoff_hz,
-                temperature_noise_k=temperature_noise_k,
-                humidity_noise_percent=humidity_noise_percent,
-                lag_s=lag_s,
+            found = correct_read(
+                flight, (), profile, method, cutoff_hz, temperature_noise_k, humidity_noise_percent, lag_s
             )
             own = slice(before, flight.time_s.size - after)
             totals.count(codes, own)

@@ -16,6 +16,8 @@ import pandas as pd
 import pytest
 
 import shockrig
+from shockrig.analysis.flight import screen
+from shockrig.analysis.flight.columns import held
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.simulated.scenes import to_flight as frame_to_flight
 from shockrig.analysis.flight.simulated.sensor import fly
@@ -170,6 +172,20 @@ def test_blocks_join_without_a_seam(tmp_path):
         away = np.abs(whole[column] - blocks[column]) / whole[f"{channel}_uncertainty_{unit}"]
         assert away.quantile(0.99) < 0.2
         assert away.max() < 1.0
+
+
+def test_what_a_file_holds_is_told_once_and_said_as_of_arrays(tmp_path, monkeypatch):
+    flown = fly(convective(np.random.default_rng(2), duration_s=120.0), PROFILE, 2)
+    flown.log.loc[50:60, "temperature_c"] = -999.0
+    flown.log.to_csv(tmp_path / "flight.csv", index=False)
+    told = []
+    monkeypatch.setattr(screen, "held", lambda *given: told.append(given) or held(*given))
+    said = correct_file(tmp_path / "flight.csv", PROFILE, tmp_path / "out.csv").notes
+    assert len(told) == 1
+    of_arrays = correct(frame_to_flight(flown.log), PROFILE)
+    assert any("-999" in note for note in said) and set(of_arrays.notes) <= set(said)
+    written = pd.read_csv(tmp_path / "out.csv")["temperature_corrected_c"]
+    assert np.allclose(written, of_arrays.temperature_c, atol=1e-3, equal_nan=True)
 
 
 @pytest.mark.parametrize(
