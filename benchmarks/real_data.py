@@ -10,7 +10,7 @@ it predicts. A set of one run has no held-out error: there the rivals' error is 
 
 `--logs` is a folder with the two sets as they were published; `data/real`, taken otherwise, holds thinned parts.
 `--cache` judges other sets in their place, from logs that this project does not hold (`real_cache_sets.py`
-and, for the third to the twelfth group, `real_third_sets.py` to `real_twelfth_sets.py` say which).
+and, for the third to the thirteenth group, `real_third_sets.py` to `real_thirteenth_sets.py` say which).
 """
 
 from __future__ import annotations
@@ -160,6 +160,7 @@ def main(argv: list[str] | None = None) -> int:
     from real_sixth_sets import sixth_sets
     from real_tenth_sets import tenth_sets
     from real_third_sets import third_sets
+    from real_thirteenth_sets import thirteenth_sets
     from real_twelfth_sets import twelfth_sets
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -186,7 +187,7 @@ def main(argv: list[str] | None = None) -> int:
     worse = behind = 0
     groups = (
         *(cached_sets, third_sets, fourth_sets, fifth_sets, sixth_sets),
-        *(seventh_sets, eighth_sets, ninth_sets, tenth_sets, eleventh_sets, twelfth_sets),
+        *(seventh_sets, eighth_sets, ninth_sets, tenth_sets, eleventh_sets, twelfth_sets, thirteenth_sets),
     )
     cached = [real for group in groups for real in group()]
     sets, logs = (cached, args.cache) if args.cache else (real_sets(), args.logs)
