@@ -7,6 +7,7 @@ is not known, the reading itself is given.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -485,38 +486,51 @@ def _as_before(
     until this is back there, or had the time for that since it went back as oddly; and for as long as the sensor
     remembers it between that and the sensor's `own` reading. And where (n,) the sensor is likelier to have done that by
     itself: it went and came back, both as no air would or the other sensor shows."""
-    unsure, itself, rows, behind = np.zeros(value.shape), np.zeros(value.shape, dtype=bool), _remembered(readings), 0
+    unsure, itself, rows = np.zeros(value.shape), np.zeros(value.shape, dtype=bool), _remembered(readings)
     lagging = np.nan_to_num(np.abs(value - own))
-    for first in np.flatnonzero(odd).tolist():
-        if first < behind:
-            continue
-        way = odd[first]
+    for gone_at, back_at in there_and_back(odd, rows):
+        first, way = gone_at.start, odd[gone_at.start]
         before = np.nanmin(way * value[max(first - rows, 0) : first + 1])
         gone = np.nan_to_num(way * value[first:] - before)
-        home, back = (np.append(np.flatnonzero(one), gone.size) for one in (gone <= 0.0, odd[first:] == -way))
-        behind = first + min(int(home[0]), rows + (int(back[0]) if back[0] < gone.size else 0), gone.size)
-        going = np.flatnonzero(odd[behind : behind + rows] == -way)
-        until = behind + (int(going[-1]) + 1 if going.size else 0)
-        unsure[first:behind] = np.maximum(gone, 0.0)[: behind - first]
-        after = slice(first, min(until + rows, value.size))
-        unsure[after] = np.maximum(unsure[after], lagging[after])
-        came_back = bool((odd[first:until] == -way).any())
-        itself[after] |= came_back
-        behind = until
-        if until == first:  # it went no farther that way than it was before
-            continue
+        farthest = int(np.argmax(gone[: gone_at.stop - first + rows])) if back_at is None else back_at.start - first
+        home = np.append(np.flatnonzero(gone[farthest:] <= 0.0), gone.size - farthest)[0]
+        until = first + farthest + int(home)
+        moves = [gone_at]
+        if back_at is not None:
+            until = min(until, back_at.stop + rows)
+            moves.append(back_at)
+        until = max(until, moves[-1].stop)
+        unsure[first:until] = np.maximum(unsure[first:until], np.maximum(gone, 0.0)[: until - first])
+        for move in moves:
+            remembered = slice(move.start, min(move.stop + rows, value.size))
+            unsure[remembered] = np.maximum(unsure[remembered], lagging[remembered])
+            itself[remembered] |= back_at is not None
         until_s = readings.time_s[min(until, value.size - 1)]
         why = (
             "as behind its lag no air makes it: the sensor was wet, or is faster than the profile says"
-            if impossible[first:until].any()
+            if impossible[gone_at].any()
             else "at once and the temperature shows nothing of it: other air, or the sensor itself (a drop, a heater)"
         )
         notes.append(
             f"{readings.channel}: from {readings.time_s[first]:.10g} s on the reading goes "
             f"{'up' if way > 0 else 'down'} {why}; until {until_s:.10g} s the air may be as it was before"
-            + (", and is given as read, since it comes back like that as well" if came_back else "")
+            + (", and is given as read, since it comes back like that as well" if back_at is not None else "")
         )
     return unsure / np.sqrt(3.0), itself
+
+
+def there_and_back(odd: Array, rows: int) -> list[tuple[slice, slice | None]]:
+    """Moves that are `odd` (n,), up 1 and down -1, each with the one that undoes it, of neighbours the nearest ones
+    first; those of one way within so many rows are one."""
+    at = np.flatnonzero(odd)
+    apart = np.flatnonzero((np.diff(at) > rows) | (np.diff(odd[at]) != 0.0)) + 1
+    moves = [slice(int(one[0]), int(one[-1]) + 1) for one in np.split(at, apart) if one.size]
+    found: list[tuple[slice, slice | None]] = []
+    while pairs := [(b.start - a.stop, i) for i, (a, b) in enumerate(pairwise(moves)) if odd[a.start] != odd[b.start]]:
+        i = min(pairs)[1]
+        found.append((moves[i], moves[i + 1]))
+        del moves[i : i + 2]
+    return sorted([*found, *((move, None) for move in moves)], key=lambda one: one[0].start)
 
 
 def _beyond_both_sides(channel: FlightChannel, readings: FlightReadings, unit: Array) -> Array:

@@ -17,6 +17,7 @@ from shockrig.analysis.flight.air_prior import Passing
 from shockrig.analysis.flight.comparisons import Told
 from shockrig.analysis.flight.doubts import airspeed_doubt
 from shockrig.analysis.flight.flight_channel import (
+    REMEMBERED_LAGS,
     VAGUE_TIMES,
     FlightChannel,
     FlightReadings,
@@ -33,7 +34,13 @@ from shockrig.analysis.flight.flight_channel import (
 )
 from shockrig.analysis.flight.response import LagResponse, film_response, unsure_of_airspeed
 from shockrig.analysis.flight.screen import Screened, resolution_of, screen
-from shockrig.analysis.flight.smooth_channel import KNOWN_SIGMAS, LONGEST_BRIDGE_S, Estimate, typical_period
+from shockrig.analysis.flight.smooth_channel import (
+    JUMP_SIGMAS,
+    KNOWN_SIGMAS,
+    LONGEST_BRIDGE_S,
+    Estimate,
+    typical_period,
+)
 from shockrig.analysis.flight.smoother import followed
 from shockrig.analysis.flight.stretches import MOST_SHARE, Felt, fastest, largest_share
 from shockrig.analysis.flight.sweep import lags_behind
@@ -341,7 +348,8 @@ def _through_vapour(
     found = _as_the_film(found, readings.reading, doubt.vague & screened.usable & ~screened.loud)
     outside = ~film.part.covers(film.air_c) | beyond_discovered(film.part.discovered, stream.airflow_m_s, film.air_c)
     channel = judged(readings, found, plain, screened, outside, raw, from_vapour, notes, SATURATED_PERCENT)
-    broken = _unseen_breaks(time_s, found, film.air_c, bead) if alike else np.zeros(raw.shape)
+    memory_s = REMEMBERED_LAGS * response.slowest_s
+    broken = _unseen_breaks(time_s, found, film.air_c, sigma, bead, memory_s) if alike else np.zeros(raw.shape)
     left_open = doubt.left_open * from_vapour
     channel = held(channel, readings, raw, from_vapour, notes, (0.0, SATURATED_PERCENT), left_open, broken)
     channel = _as_read(channel, raw, doubt.unread & (screened.usable | screened.repeated) & ~channel.raw, notes)
@@ -471,23 +479,48 @@ def _of_temperature(readings: FlightReadings, air: Array, error: Array, bead: Fl
     return TemperatureDoubt(air.shape, passing, unread, unread | (vague & ~lasting), left_open)
 
 
-def _unseen_breaks(time_s: Array, found: Estimate, air: Array, bead: FlightChannel) -> Array:
+def _unseen_breaks(
+    time_s: Array, found: Estimate, air: Array, sigma: Array, bead: FlightChannel, memory_s: float
+) -> Array:
     """1 or -1 in the rows (n,) at which the vapour jumps or bends up or down and the temperature of the `air`, which
-    the same eddies carry, does no more than it mostly does: the film may have done that by itself."""
+    the same eddies carry, does no more than it mostly does: the film may have done that by itself.
+
+    What comes on and goes off again, while the film remembers it (`memory_s`), is one cause: as sure as both together,
+    if the other is no chance among so many rows.
+    """
     broken = np.zeros(time_s.shape)
-    around = max(int(round(APART_S / typical_period(time_s))), 1)
-    rows = np.searchsorted(time_s, found.breaks_s)
-    rows = rows[(rows >= around) & (rows < time_s.size - around)]
+    period = typical_period(time_s)
+    around, at_once = (max(int(round(lasting / period)), 1) for lasting in (APART_S, SMOOTHED_S))
+    rows, sigmas = np.searchsorted(time_s, found.breaks[:, 0]), found.breaks[:, 1]
+    by_chance = np.sqrt(2.0 * np.log(max(memory_s / period, 1.0)))
+    told = (rows >= around) & (rows < time_s.size - around) & (np.abs(sigmas) > by_chance)
+    rows, sigmas = rows[told], sigmas[told]
+    # where the thermometer is not sure, or saw the air jump, the film is no other cause
+    told = (maximum_filter1d(sigma, 2 * around + 1) <= VAGUE_TIMES * np.median(sigma))[rows]
+    rows, sigmas = rows[told], sigmas[told]
     if not rows.size or not bead.screened.usable.any():
         return broken
-    moved = air[2 * around :] - air[: -2 * around]
-    usual = np.median(moved)
-    moved = np.abs(moved - usual)[rows - around]
-    spread = MAD_TO_SIGMA * float(np.median(np.abs(air[2 * around :] - air[: -2 * around] - usual)))
-    read = np.convolve(bead.screened.usable, np.ones(2 * around + 1), mode="same")[rows] > around
-    alone = rows[(moved < KNOWN_SIGMAS * spread) & read]
-    broken[alone] = np.sign(found.air[alone + around] - found.air[alone - around])
+    # a layer that is passed steadily is no jump of its temperature, nor one of its vapour
+    bent = _off_a_line(air, around)
+    silent = bent[rows] < KNOWN_SIGMAS * np.median(bent[around:-around])
+    jumped_s = np.zeros(0) if bead.jumps_s is None else bead.jumps_s
+    itself = silent | (np.abs(time_s[rows][:, None] - jumped_s) > APART_S).all(axis=1)
+    near = np.abs(time_s[rows][:, None] - time_s[rows]) <= memory_s
+    other = near & (sigmas[:, None] * sigmas < 0.0) & itself & itself[:, None] & (silent[:, None] | silent)
+    both = np.where(other, np.hypot(sigmas[:, None], sigmas), 0.0).max(axis=1)
+    alone = np.maximum(both, np.where(silent, np.abs(sigmas), 0.0)) >= JUMP_SIGMAS
+    rows, way = rows[alone], np.sign(sigmas[alone])
+    # what the film did by itself it shows at once
+    broken[rows] = np.where(way * (found.clean[rows + at_once] - found.clean[rows]) > 0.0, way, 0.0)
     return broken
+
+
+def _off_a_line(values: Array, around: int) -> Array:
+    """How far (n,) values are off a straight line through as many on either side, rms."""
+    values, width = values - values.mean(), 2 * around + 1
+    square, mean = (uniform_filter1d(v, width, mode="nearest") for v in (values**2, values))
+    along = np.convolve(np.pad(values, around, mode="edge"), np.arange(around, -around - 1.0, -1.0), mode="valid")
+    return np.asarray(np.sqrt(np.maximum(square - mean**2 - 3.0 * (along / width) ** 2 / (around * (around + 1)), 0.0)))
 
 
 def _as_the_film(found: Estimate, vapour: Array, rows: Mask) -> Estimate:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, uniform_filter1d
+from scipy.ndimage import binary_opening, maximum_filter1d, uniform_filter1d
 
 from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
 from shockrig.analysis.flight.air_prior import (
@@ -68,12 +68,39 @@ def none(count: int) -> Jumps:
     return Jumps(np.zeros((count, 2)), np.full(count, 0.5))
 
 
-def when(track: Track, jumps: Jumps, kinks: bool = False) -> Array:
-    """Times [s] of the jumps of the air itself, of its slope as well with `kinks`, and of none that is somewhere in a
-    gap."""
-    jumped = np.pad((jumps.variance[:, : 1 + kinks] > 0.0).any(axis=1), 1)
+def when(track: Track, jumps: Jumps) -> Array:
+    """Times [s] of the jumps of the air itself, of none that is somewhere in a gap."""
+    jumped = np.pad(jumps.variance[:, 0] > 0.0, 1)
     nodes = np.flatnonzero(jumped[1:-1] & ~jumped[:-2] & ~jumped[2:])
     return track.time_s[nodes] - (1.0 - jumps.place[nodes]) * track.period_s
+
+
+def breaks(track: Track, jumps: Jumps, found: Sweep) -> Array:
+    """Times [s] of the jumps and bends that are in, and of what else looks like a jump of the air, each with the sigmas
+    that it is of, by the way that the air goes there (b, 2): of one that is in at least `JUMP_SIGMAS`."""
+    score = np.nan_to_num(found.jump_score[:, 0])
+    # where the air is stronger than it was taken most scores are
+    parts = np.split(np.abs(score), np.arange(SEGMENT_SAMPLES, score.size, SEGMENT_SAMPLES))
+    usual = [max(MAD_TO_SIGMA * float(np.median(part)), 1.0) for part in parts]
+    score = score / np.repeat(usual, [part.size for part in parts])
+    near = maximum_filter1d((jumps.variance > 0.0).any(axis=1).astype(int), 2 * APART_SAMPLES + 1) > 0
+    largest = maximum_filter1d(np.abs(score), 2 * APART_SAMPLES + 1, mode="nearest")
+    seems = np.flatnonzero((np.abs(score) > KNOWN_SIGMAS) & (np.abs(score) >= largest) & ~near)
+    # one that is anywhere in a gap or a burst is none that another sensor would show
+    anywhere = binary_opening(jumps.variance[:, 0] > 0.0, np.ones(3))
+    put = np.flatnonzero((jumps.variance > 0.0).any(axis=1) & ~anywhere)
+    # several close together make one that none of them is; what bends and soon bends back goes one way
+    starts: list[int] = []
+    for k in put.tolist():
+        starts += [k] if not starts or k > starts[-1] + LONGEST_HIDDEN else []
+    begin = np.array(starts, dtype=np.int64)
+    end = put[np.searchsorted(put, begin + LONGEST_HIDDEN, side="right") - 1]
+    before = np.maximum(np.append(0, end)[:-1], np.maximum(begin - RAMP_SAMPLES[-1], 0))
+    behind = np.minimum(np.append(begin, score.size)[1:] - 1, end + RAMP_SAMPLES[-1])
+    way = np.sign(found.air[behind] - found.air[before])
+    times = track.time_s[begin] - (1.0 - jumps.place[begin]) * track.period_s
+    both = np.append(times, track.time_s[seems]), np.append(JUMP_SIGMAS * way, score[seems])
+    return np.stack(both, axis=1)[np.argsort(both[0], kind="stable")]
 
 
 def with_jumps(
@@ -435,9 +462,9 @@ class Estimate:
 
     `noise_factor`: fitted over expected noise, one sigma; `cutoff_hz`: of the low-pass, where the method has one;
     `resolved_rate`: angular frequency [1/s] above which the air is not resolved; `amplified`: variance of the reading's
-    noise in an inverse's air; `jumps_s`: times at which the air jumped, where the method looks for them, and `breaks_s`
-    at which it or its slope did; `own_steps`: by how much the sensor itself reads more from a row on than before it,
-    where the method looks for that.
+    noise in an inverse's air; `jumps_s`: times at which the air jumped, where the method looks for them, and `breaks`
+    (b, 2) at which it or its slope did or seems to have, with the sigmas of a jump; `own_steps`: by how much the sensor
+    itself reads more from a row on than before it, where the method looks for that.
     """
 
     air: Array
@@ -448,7 +475,7 @@ class Estimate:
     resolved_rate: float = 30.0
     amplified: float = 0.0
     jumps_s: Array = field(default_factory=lambda: np.zeros(0))
-    breaks_s: Array = field(default_factory=lambda: np.zeros(0))
+    breaks: Array = field(default_factory=lambda: np.zeros((0, 2)))
     own_steps: Array = field(default_factory=lambda: np.zeros(0))
 
 
@@ -500,7 +527,7 @@ def estimate(
     known_s = np.zeros((0, 2)) if jumped_s is None else jumped_s
     known = np.zeros(on.row.shape, dtype=bool) if stepped is None else stepped[on.row] & on.measured
     found, local, jumps, own = with_jumps(track, on.bridged, variance, local, strengths, known_s, strengths.loud, known)
-    on = replace(on, bridged=on.bridged - np.cumsum(own))
+    on, broken = replace(on, bridged=on.bridged - np.cumsum(own)), breaks(track, jumps, found)
     if rounding is None:
         brief = _brief(track.time_s, on.measured, BRIEF_LAGS * response.slowest_s)
         found, local = _of_samples(on, variance, brief, noise_factor, jumps, found, local, strengths)
@@ -524,7 +551,7 @@ def estimate(
         noise_factor,
         resolved_rate=rate,
         jumps_s=when(track, jumps),
-        breaks_s=when(track, jumps, kinks=True),
+        breaks=broken,
         own_steps=own_steps,
     )
 
