@@ -87,7 +87,7 @@ def breaks(track: Track, jumps: Jumps, found: Sweep) -> Array:
     largest = maximum_filter1d(np.abs(score), 2 * APART_SAMPLES + 1, mode="nearest")
     seems = np.flatnonzero((np.abs(score) > KNOWN_SIGMAS) & (np.abs(score) >= largest) & ~near)
     # one that is anywhere in a gap or a burst is none that another sensor would show
-    anywhere = binary_opening(jumps.variance[:, 0] > 0.0, np.ones(3))
+    anywhere = binary_opening(jumps.variance[:, 0] > 0.0, np.ones(3, dtype=bool))
     put = np.flatnonzero((jumps.variance > 0.0).any(axis=1) & ~anywhere)
     # several close together make one that none of them is; what bends and soon bends back goes one way
     starts: list[int] = []
