@@ -39,8 +39,6 @@ class Choice:
         That it adds on the rates that goals want [nats].
     evidence : float
         Expected ln E against the explanation that it speaks against most, whichever of those tied is the true one.
-    beside : float
-        What a second probe, recorded beside a single one, is expected to add to `evidence`.
     """
 
     shock: PlannedShock
@@ -49,7 +47,6 @@ class Choice:
     goals: float = UNTOLD
     information: float = UNTOLD
     evidence: float = UNTOLD
-    beside: float = 0.0
 
     @property
     def per_minute(self) -> float:
@@ -81,7 +78,7 @@ class _SoFar:
                 runs + np.array([more[g, g] > 1.0 for _, g in p.of])
                 for runs, more, p in zip(self.runs, added, designs.precise, strict=True)
             ),
-            self.have + np.array([pair[m] for pair in designs.pairs]),
+            self.have + designs.pairs[:, m],
             airs_of(designs.menu[m]),
         )
 
@@ -137,11 +134,10 @@ def _weighed(designs: Designs, m: int, so_far: _SoFar, bonus: float, minutes: Mi
             before = progress(target, factors[k] * now[g], int(count[k]))
             after = progress(target, factors[k] * then[g], int(count[k]) + helps)
             share += max(after - before, 0.0)
-    told, have = np.array([pair[m] for pair in designs.pairs]), so_far.have
+    told, have = designs.pairs[:, m], so_far.have
     deciding = float((np.minimum(have + told, designs.needed) - np.minimum(have, designs.needed)).sum() / REJECTED_FROM)
-    best = float(told.max(initial=0.0))
     took = minutes.of(so_far.airs, designs.menu[m])
-    return Choice(designs.menu[m], took, share + deciding + bonus, share, told_of_goals, best)
+    return Choice(designs.menu[m], took, share + deciding + bonus, share, told_of_goals, float(designs.evidence[m]))
 
 
 def progress(target: Target, variance: float, runs: int) -> float:

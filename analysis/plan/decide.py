@@ -13,12 +13,10 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shockrig.analysis.characterize.result import Characterization
 from shockrig.analysis.checks.campaign_checks import checked
 from shockrig.analysis.diagnose.diagnosed import ChannelOutcome
-from shockrig.analysis.diagnose.experiments import imagined, rates_known
 from shockrig.analysis.diagnose.grammar import MOST_RUNS
 from shockrig.analysis.diagnose.shock import (
     ORDINARY,
@@ -29,9 +27,6 @@ from shockrig.analysis.diagnose.shock import (
     deciding_menu,
     opening,
 )
-from shockrig.analysis.estimate.fit import Fit, apart, linearise
-from shockrig.analysis.estimate.model import Point, Structure
-from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, looked_for
 from shockrig.analysis.fleet.fleet_prior import WithFleet, with_population
 from shockrig.analysis.plan.choose import Choice, chase, choose_runs
@@ -44,9 +39,7 @@ from shockrig.analysis.plan.decision import (
     missing,
 )
 from shockrig.analysis.plan.designs import Designs, menu_of
-from shockrig.analysis.plan.evidence import OLD_RUNS_POWER, student
 from shockrig.analysis.plan.goals import QUANTITY_OF, Goals, Place, places
-from shockrig.analysis.plan.information import nats
 from shockrig.analysis.plan.judged import ChannelLook, Verdict, diagnosed, look_at
 from shockrig.analysis.plan.minutes import learn, spent_minutes
 from shockrig.analysis.plan.precision import Target, gained_by, measured, targets
@@ -55,121 +48,6 @@ from shockrig.files.campaign import Campaign
 from shockrig.files.campaign_names import sensor_name
 from shockrig.files.errors import InputError
 from shockrig.files.fleet_file import Population
-
-Array = NDArray[np.float64]
-
-# The evidence that is expected of a run before it is made, as `evidence.against` will count it once it is there.
-#
-# Were i true, and to first order in what either model may still move by, for rival j and one further run:
-#
-#     2 E[ln E_ij] = |f_i - f_j|^2 - ln det N_i(with it) / N_i
-#         + at the first run of a dispute: lam p_j - tr[(N + lam N_old)^-1 (N + lam^2 N_old)]_j + p_j ln(1 - lam)
-#
-# The distance is what is left of it once j and the run's random effects have moved, the old runs counting lam for j;
-# the determinant is what i pays for predicting with parameters that are not quite known, the last line what j is
-# allowed. A run at an ambient of which a film's rate is not known yet says nothing.
-
-
-def expected_evidence(looks: Sequence[ChannelLook], shocks: Sequence[PlannedShock]) -> list[float]:
-    """ln E (M,) against the explanation that each run, made once, is expected to hurt most; 0 where nothing is tied.
-
-    Averaged over which explanation is true, each as likely as the evidence so far leaves it.
-    """
-    return _averaged(looks, shocks, _if_true)
-
-
-def second_probe_evidence(looks: Sequence[ChannelLook], shocks: Sequence[PlannedShock]) -> list[float]:
-    """What a second probe of the type, recorded beside the first in each run, adds to that; averaged alike.
-
-    It shows what the air does as the first one does, and none of the faults that are the first one's own. Its rate is
-    its own, and so are its runs' random effects: what it says of a start that both share is not counted.
-    """
-    return _averaged(looks, shocks, _if_true_beside)
-
-
-def _averaged(
-    looks: Sequence[ChannelLook], shocks: Sequence[PlannedShock], told_by: Callable[[ChannelLook, int, Problem], Array]
-) -> list[float]:
-    expected = np.zeros(len(shocks))
-    for look in looks:
-        dispute = look.verdict.dispute
-        if len(look.rivals) > 1 and dispute and look.problem is not None and look.noise is not None and shocks:
-            now, told = np.array(dispute.so_far), []
-            for i, true in enumerate(look.rivals):
-                new = imagined(true.on_its_scatters(look.problem), look.noise, shocks, look.problem.channel.ambients_c)
-                told.append(told_by(look, i, new))
-            likely = np.exp(now.min() - now)
-            known = rates_known(look.problem.channel, shocks)
-            expected = np.maximum(expected, known * (likely @ np.array(told) / likely.sum()))
-    return [float(x) for x in expected]
-
-
-def _degrees(look: ChannelLook) -> int:
-    assert look.problem is not None and look.verdict.dispute is not None
-    return look.verdict.dispute.degrees(look.problem.channel.rates)
-
-
-def _if_true_beside(look: ChannelLook, i: int, new: Problem) -> Array:
-    """ln E (M,) that a second probe would add in new runs against the most hurt rival of explanation i."""
-    common = frozenset.intersection(*(frozenset(rival.structure.ids) for rival in look.rivals))
-    structure, places, _ = _beside(look.rivals[i], common)
-    truth, _ = linearise(new, structure, Point(look.rivals[i].theta[places], new.channel.at_rest()))
-    found = []
-    for rival in (one for j, one in enumerate(look.rivals) if j != i):
-        structure, places, known = _beside(rival, common)
-        twice, _ = apart(new, truth, structure, rival.theta[places], known)
-        found.append([student(0.5 * float(x), _degrees(look)) for x in twice])
-    return np.max(found, axis=0)
-
-
-def _beside(found: Fit, common: frozenset[str]) -> tuple[Structure, list[int], Array]:
-    """An explanation of one probe's runs as a second probe's: effects of the surroundings, those that no rival denies;
-    where its theta stands in the first one's, and what that one's runs say of the effects (a precision)."""
-    model = found.model
-    kept = found.structure.keeping(common | {e.id for e in found.structure.effects if e.of_surroundings})
-    effects = [model.place(name) for name in kept.names]
-    rates = range(model.channel.rates)
-    places = [*rates, *effects, *range(model.size - len(model.shared), model.size)]
-    known = np.zeros((len(places), len(places)))
-    here = slice(len(rates), len(rates) + len(effects))
-    known[here, here] = np.linalg.pinv(found.covariance[np.ix_(effects, effects)], hermitian=True)
-    return kept, places, known
-
-
-def _if_true(look: ChannelLook, i: int, new: Problem) -> Array:
-    """ln E (M,) that new runs would add against the most hurt rival of explanation i."""
-    assert look.problem is not None and look.verdict.dispute is not None
-    true, degrees = look.rivals[i], _degrees(look)
-    truth, own = linearise(new, true.structure, Point(true.theta, new.channel.at_rest()))
-    known = true.arrow.normal
-    paid = [2.0 * nats(known, known + one.told, range(true.theta.size)) for one in own.each_run()]
-    old = np.isin(look.problem.channel.run_ids, look.verdict.dispute.runs)
-    now, found = look.verdict.dispute.so_far, []
-    for j, rival in ((j, one) for j, one in enumerate(look.rivals) if j != i):
-        told = rival.arrow.of_runs(old).told
-        moves = rival.arrow.told - (1.0 - OLD_RUNS_POWER) * told
-        twice, each = apart(new, truth, rival.structure, rival.theta, moves)
-        twice -= paid
-        if old.all():
-            twice += [_allowed(one.told, told, rival.theta.size) for one in each]
-        so_far = _not_student(now[j], degrees)
-        found.append([student(so_far + 0.5 * float(x), degrees) - now[j] for x in twice])
-    return np.max(found, axis=0)
-
-
-def _allowed(added: Array, old: Array, free: int) -> float:
-    """What a rival of so many parameters may gain by the old runs, less what the bound takes off for it."""
-    scale = np.sqrt(np.maximum(np.diag(old), 1e-12))
-    new, then = added / np.outer(scale, scale), old / np.outer(scale, scale)
-    inverse = np.linalg.pinv(new + OLD_RUNS_POWER * then, rcond=1e-11, hermitian=True)
-    fitted = float(np.trace(inverse @ (new + OLD_RUNS_POWER**2 * then)))
-    return OLD_RUNS_POWER * free - fitted + free * float(np.log1p(-OLD_RUNS_POWER))
-
-
-def _not_student(said: float, degrees: int) -> float:
-    """The log ratio of which `student` says that."""
-    return 0.5 * degrees * float(np.expm1(2.0 * said / (degrees + 1))) if said > 0.0 else said
-
 
 LEAST_GAIN = 0.01  # of a goal, by the best run of the menu: it would take a hundred, if nobody gives minutes for them
 # Runs by which a channel is given up that none has shown, or of which fewer were usable than can be judged.
@@ -281,13 +159,6 @@ def decide(
         considered = tuple(chosen)
     else:
         chosen, considered = choose_runs(designs, minutes, () if campaign is None else campaign.runs, count)
-        every = (*chosen, *considered)
-        told = expected_evidence(list(looks.values()), [c.shock for c in every])
-        weighed = [replace(c, evidence=x) for c, x in zip(every, told, strict=True)]
-        if len(campaigns) == 1:
-            more = second_probe_evidence(list(looks.values()), [c.shock for c in chosen])
-            weighed[: len(chosen)] = [replace(c, beside=x) for c, x in zip(weighed, more, strict=False)]
-        chosen, considered = weighed[: len(chosen)], tuple(weighed[len(chosen) :])
     worst = [look.left_over for look in looks.values() if look.left_over]
     describes = any(v.describes for v in verdicts.values())
     if goals.ties and campaign and worst and chased < MOST_UNEXPLAINED and not first and not describes:

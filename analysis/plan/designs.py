@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import permutations
 from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.characterize.result import ChannelResult, Characterization
-from shockrig.analysis.diagnose.experiments import separations
 from shockrig.analysis.diagnose.shock import (
     LONG_S,
     LONGEST_S,
@@ -25,7 +25,7 @@ from shockrig.analysis.diagnose.shock import (
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName
 from shockrig.analysis.fleet.fleet_prior import WithFleet
 from shockrig.analysis.fleet.statistics import LEAST_VARIANCE, film
-from shockrig.analysis.plan.evidence import REJECTED_FROM, student
+from shockrig.analysis.plan.evidence import REJECTED_FROM, expected
 from shockrig.analysis.plan.goals import Goals, Place
 from shockrig.analysis.plan.information import Information, information, rates_at
 from shockrig.analysis.plan.judged import ChannelLook
@@ -71,10 +71,12 @@ class Designs:
         Where in the menu the first run once more is; it is chosen by its turn alone.
     precise : tuple of Precise
         For each channel with goals of precision.
-    pairs : tuple of ndarray (M,)
+    pairs : ndarray (P, M)
         Expected ln E of each run for each pair of tied explanations.
-    needed : ndarray (pairs,)
+    needed : ndarray (P,)
         ln E that each still needs.
+    evidence : ndarray (M,)
+        Expected ln E against the explanation that a run speaks against most, whichever of those tied is the true one.
     varied : function of planned runs
         Worth (M, 2) of each run, and of the second of two, for what has not been varied by then.
     """
@@ -82,8 +84,9 @@ class Designs:
     menu: tuple[PlannedShock, ...]
     anchor: int | None
     precise: tuple[Precise, ...]
-    pairs: tuple[Array, ...]
+    pairs: Array
     needed: Array
+    evidence: Array
     varied: Callable[[Sequence[PlannedShock]], Array]
 
     @classmethod
@@ -122,16 +125,20 @@ class Designs:
                 info = replace(info, known=info.known + _beforehand(info, population, name))
             places = [0 if t.ambient_c is None else int(np.argmin(np.abs(info.ambients_c - t.ambient_c))) for t in own]
             precise.append(Precise(info, tuple(zip(own, places, strict=True))))
+        evidence = np.zeros(len(shocks))
         for look in looks.values() if goals.ties and shocks else ():
-            for i, one in enumerate(look.rivals):
-                for j, other in enumerate(look.rivals):
-                    if i != j and look.problem is not None and look.noise is not None and look.verdict.dispute:
-                        degrees = look.verdict.dispute.degrees(look.problem.channel.rates)
-                        apart = 0.5 * separations(look.problem, look.noise, one, other, shocks)
-                        pairs.append(np.array([student(float(x), degrees) for x in apart]))
-                        needed.append(REJECTED_FROM - float(np.clip(look.verdict.dispute.so_far[j], 0.0, MOST_TOLD)))
+            dispute = look.verdict.dispute
+            if look.problem is None or look.noise is None or dispute is None or not look.rivals:
+                continue
+            told, so_far = expected(look.problem, look.noise, look.rivals, dispute, shocks), np.array(dispute.so_far)
+            likely = np.exp(so_far.min() - so_far)
+            evidence = np.maximum(evidence, likely @ told.max(axis=1) / likely.sum())
+            for i, j in permutations(range(so_far.size), 2):
+                pairs.append(np.maximum(told[i, j], 0.0))
+                needed.append(REJECTED_FROM - float(np.clip(so_far[j], 0.0, MOST_TOLD)))
         varied = partial(variety, looks if goals.ties else {}, shocks)
-        return cls(shocks, anchor, tuple(precise), tuple(pairs), np.array(needed), varied)
+        told_apart = np.array(pairs).reshape(len(pairs), len(shocks))
+        return cls(shocks, anchor, tuple(precise), told_apart, np.array(needed), evidence, varied)
 
     @property
     def choosable(self) -> tuple[PlannedShock, ...]:

@@ -21,13 +21,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.diagnose.diagnosed import Explanation
+from shockrig.analysis.diagnose.experiments import imagined, rates_known
+from shockrig.analysis.diagnose.shock import PlannedShock
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.behaviours import form_of
 from shockrig.analysis.effects.described import described, is_described
-from shockrig.analysis.estimate.fit import Fit, fit
+from shockrig.analysis.estimate.fit import Fit, apart, fit, linearise
 from shockrig.analysis.estimate.fit_starts import rough_rates
-from shockrig.analysis.estimate.model import Model, Structure
+from shockrig.analysis.estimate.model import Model, Point, Structure
+from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.problem import Problem, posterior_scatter, prior_cost
+from shockrig.analysis.plan.information import nats
 
 Array = NDArray[np.float64]
 OLD_RUNS_POWER = 0.5  # power of the old runs' likelihood
@@ -113,6 +117,61 @@ def against(problem: Problem, base: Structure, dispute: Dispute) -> list[float]:
 def student(log_ratio: float, degrees: int) -> float:
     """A log-likelihood ratio with the scatter of runs known from so many degrees of freedom."""
     return 0.5 * (degrees + 1) * float(np.log1p(2.0 * log_ratio / degrees)) if log_ratio > 0.0 else log_ratio
+
+
+# What is expected of a run before it is made, to first order in what models may still move by. Were i true, for
+# alternative j:
+#
+#     2 E[ln E_ij] = |f_i - f_j|^2 - ln det N_i(with it) / N_i
+#         + at the first run of a dispute: lam p_j - tr[(N + lam N_old)^-1 (N + lam^2 N_old)]_j + p_j ln(1 - lam)
+#
+# The distance is what is left of it once j and the run's random effects have moved, the old runs counting lam for j;
+# the determinant is what i pays for predicting with parameters that are not quite known, the last line what j is
+# allowed.
+
+
+def expected(
+    problem: Problem, noise: Noise, fits: Sequence[Fit], dispute: Dispute, shocks: Sequence[PlannedShock]
+) -> Array:
+    """ln E (K, K, M) that each run, made once, is expected to add for explanation i, were it true, against j.
+
+    `fits` are those of the explanations that stand. A run at an ambient of which a film's rate is not known yet says
+    nothing.
+    """
+    channel = problem.channel
+    degrees, so_far = dispute.degrees(channel.rates), dispute.so_far
+    old = np.isin(channel.run_ids, dispute.runs)
+    found = np.zeros((len(fits), len(fits), len(shocks)))
+    for i, true in enumerate(fits):
+        new = imagined(true.on_its_scatters(problem), noise, shocks, channel.ambients_c)
+        truth, own = linearise(new, true.structure, Point(true.theta, new.channel.at_rest()))
+        known = true.arrow.normal
+        paid = [2.0 * nats(known, known + one.told, range(true.theta.size)) for one in own.each_run()]
+        for j, rival in ((j, one) for j, one in enumerate(fits) if j != i):
+            told = rival.arrow.of_runs(old).told
+            twice, each = apart(
+                new, truth, rival.structure, rival.theta, rival.arrow.told - (1.0 - OLD_RUNS_POWER) * told
+            )
+            twice -= paid
+            if old.all():
+                twice += [_allowed(one.told, told, rival.theta.size) for one in each]
+            before = _not_student(so_far[j], degrees)
+            found[i, j] = [student(before + 0.5 * float(x), degrees) - so_far[j] for x in twice]
+    return found * rates_known(channel, shocks)
+
+
+def _allowed(added: Array, old: Array, free: int) -> float:
+    """What a rival of so many parameters may gain by the old runs, less what the bound takes off for it."""
+    scale = np.sqrt(np.maximum(np.diag(old), 1e-12))
+    new, then = added / np.outer(scale, scale), old / np.outer(scale, scale)
+    inverse = np.linalg.pinv(new + OLD_RUNS_POWER * then, rcond=1e-11, hermitian=True)
+    fitted = float(np.trace(inverse @ (new + OLD_RUNS_POWER**2 * then)))
+    return OLD_RUNS_POWER * free - fitted + free * float(np.log1p(-OLD_RUNS_POWER))
+
+
+def _not_student(said: float, degrees: int) -> float:
+    """The log ratio of which `student` says that."""
+    return 0.5 * degrees * float(np.expm1(2.0 * said / (degrees + 1))) if said > 0.0 else said
 
 
 @dataclass(frozen=True)

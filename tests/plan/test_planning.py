@@ -23,7 +23,7 @@ from shockrig.analysis.estimate.fit import fit
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import PLAIN, Model
 from shockrig.analysis.plan.choose import choose_runs, progress
-from shockrig.analysis.plan.decide import decide, expected_evidence, second_probe_evidence
+from shockrig.analysis.plan.decide import decide
 from shockrig.analysis.plan.decision import (
     CONTINUE,
     DONE,
@@ -35,7 +35,7 @@ from shockrig.analysis.plan.decision import (
     remembered,
 )
 from shockrig.analysis.plan.designs import Designs
-from shockrig.analysis.plan.evidence import REJECTED_FROM, Dispute, against, student
+from shockrig.analysis.plan.evidence import REJECTED_FROM, Dispute, against, expected, student
 from shockrig.analysis.plan.goals import Goals, Precision, parse_goals
 from shockrig.analysis.plan.information import information, nats
 from shockrig.analysis.plan.judged import ChannelLook, Verdict, look_at, spending
@@ -233,35 +233,10 @@ def test_evidence_comes_from_runs_that_tell_the_explanations_apart(tmp_path):
     # what was expected of that run, before it was made, is about what came
     problem = ready.problem.select(np.isin(ready.problem.channel.run_ids, old))
     fits = [_fitted(problem, one) for one in (HEATING, OFFSET)]
-    expected = student(0.5 * separations(problem, ready.noise, *fits, [slow, COOL])[0], 5)
-    assert told[1] == pytest.approx(expected, rel=0.35)
-    verdict = Verdict("explained", 6, HEATING, Dispute((HEATING, OFFSET), old, (0.0, 0.0)))
-    slowly, same = expected_evidence([ChannelLook(verdict, problem, ready.noise, tuple(fits))], [slow, COOL])
+    apart = student(0.5 * separations(problem, ready.noise, *fits, [slow, COOL])[0], 5)
+    assert told[1] == pytest.approx(apart, rel=0.35)
+    slowly, same = expected(problem, ready.noise, fits, Dispute((HEATING, OFFSET), old, (0.0, 0.0)), [slow, COOL])[0, 1]
     assert told[1] == pytest.approx(slowly, rel=0.5) and same < 2.0
-    assert expected_evidence([ChannelLook(Verdict())], [slow]) == [0.0]
-    # both are the sensor's own, of which a second one says nothing
-    (nothing,) = second_probe_evidence([ChannelLook(verdict, problem, ready.noise, tuple(fits))], [slow])
-    assert nothing == pytest.approx(0.0, abs=1e-9)
-
-
-def test_a_second_probe_tells_the_air_from_the_sensor(tmp_path):
-    """Of a chamber that recovers and a stem, about as much comes of a second probe as is expected of it."""
-    room = {"room_temperature_c": 22.0, "room_humidity_percent": 45.0}
-    relaxing = {"air_relaxation": {"fraction": 0.03, "time_constant_s": 20.0, **room}}
-    stem = {"stem_conduction": {"fraction": 0.03, "time_constant_s": 20.0}}
-    truth = replace(LIVELY, effects=(Hidden("air_relaxation", relaxing["air_relaxation"]),))
-    ready = prepare(build_channel(recorded(tmp_path, truth, [COOL, WARM] * 3).campaign(), "temperature"))
-    plain, *fits = (_fitted(ready.problem, one) for one in ({}, relaxing, stem))
-    dispute = Dispute((relaxing, stem), ready.problem.channel.run_ids, (0.0, 0.0))
-    look = ChannelLook(Verdict("explained", 6, relaxing, dispute), ready.problem, ready.noise, tuple(fits))
-    degrees = dispute.degrees(ready.problem.channel.rates)
-    for place, shock in enumerate((COOL, WARM)):
-        (expected,) = second_probe_evidence([look], [shock])
-        # runs of another probe in the same air, where it shows and where it is left out
-        beside = prepare(build_channel(recorded(tmp_path / f"{place}", truth, [shock] * 4).campaign(), "temperature"))
-        without, with_it = (_fitted(beside.problem, one) for one in ({}, relaxing))
-        came = student(0.5 * (without.deviance - with_it.deviance) / 4.0, degrees)
-        assert came == pytest.approx(expected, rel=0.3) and came > 5.0
 
 
 @pytest.mark.trial
@@ -553,8 +528,8 @@ def test_one_run_in_another_direction_or_airflow_is_not_enough(tmp_path):
 def test_a_run_that_serves_two_disputes_comes_before_those_that_serve_one_better():
     """Three runs of the same minutes: 4 for one pair, 4 for another, 3 for both."""
     menu = tuple(replace(UP, why=why) for why in ("one", "other", "both"))
-    pairs = (np.array([4.0, 0.0, 3.0]), np.array([0.0, 4.0, 3.0]))
-    designs = Designs(menu, None, (), pairs, np.array([4.6, 4.6]), lambda planned: np.zeros((3, 2)))
+    pairs = np.array([[4.0, 0.0, 3.0], [0.0, 4.0, 3.0]])
+    designs = Designs(menu, None, (), pairs, np.array([4.6, 4.6]), np.zeros(3), lambda planned: np.zeros((3, 2)))
     chosen, considered = choose_runs(designs, learn(None), (), 1)
     assert chosen[0].shock.why == "both" and {c.shock.why for c in considered} == {"one", "other", "both"}
 
@@ -566,14 +541,15 @@ def test_a_run_is_worth_what_two_of_its_kind_bring():
     minutes = learn(None)
     there = [minutes.of(airs_of(UP), shock) for shock in menu]
     assert 0.27 / there[0] > 0.5 / there[1]
-    designs = Designs(menu, None, (), (), np.zeros(0), lambda planned: worth)
+    designs = Designs(menu, None, (), np.zeros((0, 2)), np.zeros(0), np.zeros(2), lambda planned: worth)
     here = Run("0001", RunAir(20.0, 20.0), RunAir(20.0, 80.0), 6.0, 1013.25, 6.0, None, None, None)
     assert choose_runs(designs, minutes, [here], 1)[0][0].shock.why == "far"
 
 
 def test_the_first_run_comes_again_at_every_sixth_place_and_not_behind_one_that_closes():
     menu = (replace(UP, why="told"), replace(DOWN, why="again"))
-    designs = Designs(menu, 1, (), (np.array([1.0, 0.0]),), np.array([99.0]), lambda planned: np.zeros((2, 2)))
+    pairs, nothing = np.array([[1.0, 0.0]]), np.zeros(2)
+    designs = Designs(menu, 1, (), pairs, np.array([99.0]), nothing, lambda planned: np.zeros((2, 2)))
 
     def planned(*recorded):
         runs = [
@@ -588,7 +564,7 @@ def test_the_first_run_comes_again_at_every_sixth_place_and_not_behind_one_that_
 
 
 def test_nothing_is_chosen_from_an_empty_menu():
-    nothing = Designs((), None, (), (), np.zeros(0), lambda planned: np.zeros((0, 2)))
+    nothing = Designs((), None, (), np.zeros((0, 0)), np.zeros(0), np.zeros(0), lambda planned: np.zeros((0, 2)))
     assert choose_runs(nothing, learn(None), (), 3) == ([], ())
     assert Decision("", "").tied == {}
 
