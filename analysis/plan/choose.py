@@ -53,36 +53,6 @@ class Choice:
         return self.worth / self.minutes
 
 
-@dataclass(frozen=True)
-class _SoFar:
-    """What campaign and runs chosen already tell: normal matrices and runs of each target, evidence, the last airs."""
-
-    normals: tuple[Array, ...]
-    runs: tuple[Array, ...]
-    have: Array
-    airs: Airs | None
-
-    @classmethod
-    def recorded(cls, designs: Designs, last: Run | None) -> _SoFar:
-        """Before anything is chosen; `last` was recorded last."""
-        runs = tuple(np.array([t.runs for t, _ in p.of]) for p in designs.precise)
-        airs = None if last is None else airs_of_run(last)
-        return cls(tuple(p.info.known for p in designs.precise), runs, np.zeros(designs.needed.size), airs)
-
-    def after(self, designs: Designs, m: int) -> _SoFar:
-        """With one run of the menu more."""
-        added = [p.info.added[m] for p in designs.precise]
-        return _SoFar(
-            tuple(normal + more for normal, more in zip(self.normals, added, strict=True)),
-            tuple(
-                runs + np.array([more[g, g] > 1.0 for _, g in p.of])
-                for runs, more, p in zip(self.runs, added, designs.precise, strict=True)
-            ),
-            self.have + designs.pairs[:, m],
-            airs_of(designs.menu[m]),
-        )
-
-
 def choose_runs(
     designs: Designs, minutes: Minutes, recorded: Sequence[Run], count: int
 ) -> tuple[list[Choice], tuple[Choice, ...]]:
@@ -95,16 +65,17 @@ def choose_runs(
     """
     number = len(recorded)
     rng = np.random.default_rng([number, 1])
-    so_far = _SoFar.recorded(designs, recorded[-1] if recorded else None)
+    airs = airs_of_run(recorded[-1]) if recorded else None
     again = [i for i in range(1, number) if is_again(recorded[i], recorded[0])]
     since = number - 1 - again[-1] if again else ANCHOR_EVERY
     chosen: list[Choice] = []
     considered: tuple[Choice, ...] = ()
     for _ in range(count):
         bonus = designs.varied([one.shock for one in chosen])
-        options = [_weighed(designs, m, so_far, bonus[m, 0], minutes) for m in range(len(designs.menu))]
+        options = [_weighed(designs, m, bonus[m, 0], minutes, airs) for m in range(len(designs.menu))]
         twice = [
-            _weighed(designs, m, so_far.after(designs, m), bonus[m, 1], minutes) for m in range(len(designs.choosable))
+            _weighed(designs.after(m), m, bonus[m, 1], minutes, airs_of(shock))
+            for m, shock in enumerate(designs.choosable)
         ]
         rates = [max(one.per_minute, (one.worth + two.worth) / (one.minutes + two.minutes))
                  for one, two in zip(options, twice, strict=False)]  # fmt: skip
@@ -119,25 +90,23 @@ def choose_runs(
             others = sorted((i for i in range(len(rates)) if i != m), key=lambda i: -rates[i])
             considered = (options[m], *(options[i] for i in others[: OPTIONS_SHOWN - 1]))
         chosen.append(options[m])
-        so_far = so_far.after(designs, m)
+        designs, airs = designs.after(m), airs_of(designs.menu[m])
     return chosen, considered
 
 
-def _weighed(designs: Designs, m: int, so_far: _SoFar, bonus: float, minutes: Minutes) -> Choice:
-    share, told_of_goals = 0.0, 0.0
-    for p, normal, count in zip(designs.precise, so_far.normals, so_far.runs, strict=True):
-        added, factors = p.info.added[m], p.factors()
-        now, then = p.info.variances(np.stack([normal, normal + added]))
-        told_of_goals += nats(normal, normal + added, p.places)
-        for k, (target, g) in enumerate(p.of):
-            helps = added[g, g] > 1.0
-            before = progress(target, factors[k] * now[g], int(count[k]))
-            after = progress(target, factors[k] * then[g], int(count[k]) + helps)
+def _weighed(designs: Designs, m: int, bonus: float, minutes: Minutes, airs: Airs | None) -> Choice:
+    """What run `m` of a menu brings after one in other airs; `bonus` for what it varies."""
+    share, information = 0.0, 0.0
+    for p in designs.precise:
+        known, added = p.info.known, p.info.added[m]
+        now, then = p.info.variances(np.stack([known, known + added]))
+        information += nats(known, known + added, p.places)
+        for (target, g), factor, runs, more in zip(p.of, p.factors, p.runs, p.helped(m), strict=True):
+            before, after = progress(target, factor * now[g], runs), progress(target, factor * then[g], runs + more)
             share += max(after - before, 0.0)
-    told, have = designs.pairs[:, m], so_far.have
-    deciding = float((np.minimum(have + told, designs.needed) - np.minimum(have, designs.needed)).sum() / REJECTED_FROM)
-    took = minutes.of(so_far.airs, designs.menu[m])
-    return Choice(designs.menu[m], took, share + deciding + bonus, share, told_of_goals, float(designs.evidence[m]))
+    deciding = float(np.minimum(designs.pairs[:, m], designs.needed).sum() / REJECTED_FROM)
+    shock, evidence = designs.menu[m], float(designs.evidence[m])
+    return Choice(shock, minutes.of(airs, shock), share + deciding + bonus, share, information, evidence)
 
 
 def progress(target: Target, variance: float, runs: int) -> float:

@@ -43,20 +43,30 @@ MOST_AMBIENTS = 3  # at which runs that decide are looked for
 
 @dataclass(frozen=True)
 class Precise:
-    """One channel's information, and which targets it holds: (target, index of its rate)."""
+    """One channel's information, and which targets it holds: (target, index of its rate).
+
+    `runs` (T,) is on how many each rests, `factors` (T,) the square of its uncertainty over that of the fit alone:
+    scatter shared by channels, misfit.
+    """
 
     info: Information
     of: tuple[tuple[Target, int], ...]
-
-    def factors(self) -> Array:
-        """Square of each target's uncertainty over that of the fit alone: scatter shared by channels, misfit."""
-        now = self.info.variances(self.info.known)
-        return np.array([(t.relative**2 / now[g]) if t.runs else 1.0 for t, g in self.of])
+    runs: NDArray[np.int64]
+    factors: Array
 
     @property
     def places(self) -> list[int]:
         """Of the rates that targets want."""
         return sorted({g for _, g in self.of})
+
+    def helped(self, m: int) -> NDArray[np.bool_]:
+        """The targets (T,) that run `m` of the menu tells anything of."""
+        return np.array([self.info.added[m, g, g] > 1.0 for _, g in self.of])
+
+    def after(self, m: int) -> Precise:
+        """With that run made."""
+        info = replace(self.info, known=self.info.known + self.info.added[m])
+        return replace(self, info=info, runs=self.runs + self.helped(m))
 
 
 @dataclass(frozen=True)
@@ -124,7 +134,9 @@ class Designs:
             if population is not None and probe in fleets and fleets[probe].belongs(name):
                 info = replace(info, known=info.known + _beforehand(info, population, name))
             places = [0 if t.ambient_c is None else int(np.argmin(np.abs(info.ambients_c - t.ambient_c))) for t in own]
-            precise.append(Precise(info, tuple(zip(own, places, strict=True))))
+            now, runs = info.variances(info.known), np.array([t.runs for t in own])
+            factors = np.array([t.relative**2 / now[g] if t.runs else 1.0 for t, g in zip(own, places, strict=True)])
+            precise.append(Precise(info, tuple(zip(own, places, strict=True)), runs, factors))
         evidence = np.zeros(len(shocks))
         for look in looks.values() if goals.ties and shocks else ():
             dispute = look.verdict.dispute
@@ -139,6 +151,11 @@ class Designs:
         varied = partial(variety, looks if goals.ties else {}, shocks)
         told_apart = np.array(pairs).reshape(len(pairs), len(shocks))
         return cls(shocks, anchor, tuple(precise), told_apart, np.array(needed), evidence, varied)
+
+    def after(self, m: int) -> Designs:
+        """With run `m` of the menu made."""
+        left = np.maximum(self.needed - self.pairs[:, m], 0.0)
+        return replace(self, precise=tuple(p.after(m) for p in self.precise), needed=left)
 
     @property
     def choosable(self) -> tuple[PlannedShock, ...]:
