@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
@@ -113,7 +112,8 @@ def decide(
     progress : function of a sentence, optional
     """
     campaigns = () if campaign is None else (campaign, *beside)
-    if before is not None and campaigns:
+    before = Decision("", "") if before is None else before
+    if campaigns:
         before = with_due(campaigns, before, due)
     _demand_sensors(goals, campaigns)
     usual = usual_of(campaign, goals, surroundings)
@@ -125,11 +125,8 @@ def decide(
     def allowed(shock: PlannedShock) -> bool:
         return feasible(shock) and shock not in vetoed
 
-    then = {} if before is None else before.verdicts
-    looks, verdicts = _look(campaigns, then, False, later, made, progress)
-    found = _measured(campaigns, verdicts)
-    fleets = _with_fleet(found, population, progress)
-    wanted = _wanted(goals, campaigns, found, fleets, population)
+    looks, verdicts = _look(campaigns, before.verdicts, False, later, made, progress)
+    found, fleets, wanted = _known(campaigns, verdicts, goals, population, progress)
     met = all(t.met for t in wanted) and not any(v.tied for v in verdicts.values())
     # What depends on a direction or an airflow that no run has had can be no finding.
     unvaried = goals.ties and bool(variety(looks, menu_of(found, looks, goals, usual, allowed)).any())
@@ -141,13 +138,9 @@ def decide(
     if met and recorded and not unvaried and not first:
         judged = verdicts
         looks, verdicts = _look(campaigns, verdicts, True, later, made, progress)
-        if _carried(campaigns, verdicts) != _carried(campaigns, judged):
-            found = _measured(campaigns, verdicts)
-            fleets = _with_fleet(found, population, progress)
-        wanted = _wanted(goals, campaigns, found, fleets, population)
-    chased = before.chased if before is not None else 0
-    new = set(recorded) - set(before.recorded if before is not None else ())
-    gained = _gained(new, found, wanted)
+        if any(verdicts[place].causes != then.causes for place, then in judged.items()):
+            found, fleets, wanted = _known(campaigns, verdicts, goals, population, progress)
+    chased, gained = before.chased, _gained(set(recorded) - set(before.recorded), found, wanted)
     state = Decision("", "", recorded, spent, tuple(wanted), verdicts, (), (), chased, unvaried, gained, few)
     anchor = None if campaign is None or not campaign.runs else campaign.runs[0]
     designs = Designs.of(found, looks, wanted, goals, usual, allowed, anchor, population, fleets)
@@ -225,28 +218,31 @@ def _look(
     return looks, {place: look.verdict for place, look in looks.items()}
 
 
-def _measured(campaigns: Sequence[Campaign], verdicts: Mapping[Place, Verdict]) -> Found:
-    """What is known by each probe, with what is named of it in the model."""
-    carried = _carried(campaigns, verdicts)
-    return {one.probe: measured(one, carried[one.probe]) for one in campaigns}
-
-
-def _carried(campaigns: Sequence[Campaign], verdicts: Mapping[Place, Verdict]) -> dict[str, Any]:
-    """The models of each probe, with what is named of it."""
-    of = {one.probe: {n: verdicts[sensor_name(n, one.probe)] for n in looked_for(one)} for one in campaigns}
-    return {probe: {n: v.extension(n) for n, v in own.items() if v.causes} for probe, own in of.items()}
-
-
-def _with_fleet(found: Found, population: Population | None, progress: Progress) -> dict[str, WithFleet]:
-    """What the sensors' type adds to what is known by each probe."""
-    if population is None:
-        return {}
-    fleets = {probe: with_population(one, population) for probe, one in found.items() if one is not None}
-    for fleet in fleets.values():
-        for channel, sentence in zip(fleet.probability, fleet.sentences, strict=True):
-            if not fleet.belongs(channel):
-                progress(sentence)
-    return fleets
+def _known(
+    campaigns: Sequence[Campaign],
+    verdicts: Mapping[Place, Verdict],
+    goals: Goals,
+    population: Population | None,
+    progress: Progress,
+) -> tuple[Found, dict[str, WithFleet], list[Target]]:
+    """What is known by each probe, with what is named of it in the model; what the sensors' type adds to that; and how
+    far it is what the goals want of every probe that has the sensor for it."""
+    if not campaigns:
+        return {}, {}, targets(goals, None, population=population)
+    found, fleets, wanted = dict[str, Characterization | None](), dict[str, WithFleet](), list[Target]()
+    for one in campaigns:
+        names, probe = looked_for(one), one.probe
+        of = {name: verdicts[sensor_name(name, probe)] for name in names}
+        found[probe] = own = measured(
+            one, {name: verdict.extension(name) for name, verdict in of.items() if verdict.causes}
+        )
+        if population is not None and own is not None:
+            fleets[probe] = fleet = with_population(own, population)
+            for channel, sentence in zip(fleet.probability, fleet.sentences, strict=True):
+                if not fleet.belongs(channel):
+                    progress(sentence)
+        wanted += [t for t in targets(goals, own, probe, fleets.get(probe), population) if t.channel in names]
+    return found, fleets, wanted
 
 
 def _demand_sensors(goals: Goals, campaigns: Sequence[Campaign]) -> None:
@@ -257,21 +253,6 @@ def _demand_sensors(goals: Goals, campaigns: Sequence[Campaign]) -> None:
             lacking = " or ".join(QUANTITIES[name].instrument for name in QUANTITY_OF[one.quantity])
             has_none = f"{campaigns[0].name} has none; leave it out"
             raise InputError(f"--until: {one}: is a goal of a {lacking}, and {has_none}")
-
-
-def _wanted(
-    goals: Goals,
-    campaigns: Sequence[Campaign],
-    found: Found,
-    fleets: Mapping[str, WithFleet],
-    population: Population | None,
-) -> list[Target]:
-    """What the goals want of every probe that has the sensor for it."""
-    if not campaigns:
-        return targets(goals, None, population=population)
-    having = {(name, one.probe) for one in campaigns for name in looked_for(one)}
-    of_all = [t for probe, own in found.items() for t in targets(goals, own, probe, fleets.get(probe), population)]
-    return [t for t in of_all if (t.channel, t.probe) in having]
 
 
 def _gained(new: Collection[str], found: Found, wanted: Sequence[Target]) -> float | None:
