@@ -214,7 +214,7 @@ def realised(decision: Decision, before: Mapping[str, Any]) -> dict[str, Any] | 
     for place, verdict in decision.verdicts.items():
         was = before["verdicts"].get(place, {}).get("dispute")
         for dispute in (*verdict.settled, verdict.dispute):
-            if was and dispute and was["runs"] == list(dispute.runs):
+            if was and dispute and tuple(was["runs"]) == dispute.runs:
                 told = max([told, *(x - y for x, y in zip(dispute.against, was["against"], strict=True))])
     return {
         "runs": new,
