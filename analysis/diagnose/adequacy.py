@@ -1,9 +1,8 @@
-"""Is anything left? Tests without physics of what a fitted model leaves, on two kinds of trace an effect can leave
-behind.
+"""Is anything left? Tests without physics of what a fitted model leaves.
 
-(a) the mean response: a smooth basis in log time, crossed with step, direction, ambient and airflow, after the model's
-own parameters and each run's deviations are projected out; (b) the runs' deviations: too large for the stated
-uncertainties, or moving with run order or condition. What single readings do all along is `restless`'s.
+The mean response: a smooth basis in log time, crossed with step, direction, ambient and airflow, after the model's own
+parameters and each run's random effects are projected out. And whether the runs' rates scatter more than sensors' do.
+What single readings do all along is `restless`'s.
 """
 
 from __future__ import annotations
@@ -20,7 +19,6 @@ from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import Fit
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.problem import Problem
-from shockrig.analysis.estimate.quantity import RUN_EFFECT_NAMES, RunEffect
 
 Array = NDArray[np.float64]
 
@@ -55,14 +53,12 @@ class Adequacy:
     def worst(self) -> Check:
         return min(self.checks, key=lambda c: c.p)
 
-    @property
-    def failing(self) -> tuple[Check, ...]:
-        return tuple(c for c in self.checks if c.p * len(self.checks) <= level("adequacy"))
-
 
 def judge(problem: Problem, found: Fit) -> Adequacy:
     """Test what `found` leaves of a problem's data."""
-    return Adequacy((_response(problem, found), *_deviations(problem, found)))
+    # Runs differ a little, and that is no effect; rates that differ by several percent are, whatever makes them differ.
+    wide = found.rate_scatter > level("rate_scatter")
+    return Adequacy((_response(problem, found), Check("scatter of the runs' rate", 0.0 if wide else 1.0)))
 
 
 def factors(channel: Channel) -> dict[str, Array]:
@@ -76,7 +72,6 @@ def factors(channel: Channel) -> dict[str, Array]:
 
     return {
         "step": step / max(np.abs(step).max(), 1e-9),
-        "amplitude": scaled(np.abs(step)),
         "ambient": scaled(c.destination_c),
         "airflow": scaled(np.log(np.maximum(c.airflow_m_s, 0.1))),
         "temperature change": thermal / max(np.abs(thermal).max(), 1.0),
@@ -148,40 +143,3 @@ def when_largest(channel: Channel, found: Fit, noise: Noise) -> tuple[float, flo
         excess.append(float((found.residual[inside] ** 2 - expected).mean()) if inside.any() else 0.0)
     begins, ends = windows[int(np.argmax(excess))]
     return begins, min(ends, float(np.nanmax(late)))
-
-
-def _deviations(problem: Problem, found: Fit) -> list[Check]:
-    channel = problem.channel
-    variance, prior = found.arrow.run_variances(), 1.0 / found.arrow.weight
-    recorded = problem.stated
-    f = factors(channel)
-    design = np.column_stack([f["run order"], np.sign(f["step"]), f["ambient"], f["airflow"], f["amplitude"]])
-    design = design - design.mean(axis=0)
-    # Runs that differ a little are no effect; rates that differ by several percent are, whatever makes them differ.
-    wide = found.rate_scatter > level("rate_scatter")
-    checks = [Check("scatter of the runs' rate", 0.0 if wide else 1.0)]
-    for k, name in enumerate(RUN_EFFECT_NAMES[: prior.shape[1]]):
-        spread = np.maximum(prior[:, k] - variance[:, k], 0.0)
-        told = (spread > 0.2 * prior[:, k]) & recorded[:, k]
-        if told.sum() < 4:
-            continue
-        z = found.deviations[told, k] / np.sqrt(spread[told])
-        if k not in (RunEffect.RATE, RunEffect.STRENGTH):  # these scatters are estimated, those of the others stated
-            # Stated uncertainties are good to about a third: the scale of the test is widened by that.
-            total, degrees = float((z**2).sum()) / level("stated_scatter"), float(told.sum())
-            checks.append(Check(f"scatter of the runs' {name}", float(special.chdtrc(degrees, total))))
-        z = z - z.mean()
-        columns = design[told] - design[told].mean(axis=0)
-        columns = columns[:, columns.std(axis=0) > 1e-9]
-        if told.sum() < columns.shape[1] + 6 or columns.shape[1] == 0:
-            continue
-        coefficients, *_ = np.linalg.lstsq(columns, z, rcond=None)
-        rank = int(np.linalg.matrix_rank(columns))
-        left = float(((z - columns @ coefficients) ** 2).sum())
-        explained = float((z**2).sum()) - left
-        degrees = z.size - 1 - rank
-        ratio = (explained / rank) / max(left / degrees, 0.3)
-        checks.append(
-            Check(f"the runs' {name} against order and condition", float(special.fdtrc(rank, degrees, ratio)))
-        )
-    return checks
