@@ -360,7 +360,7 @@ def _borne_out(
     unborne = tuple[str, ...]()
     tied = [one for one in found.tied() if one is not found.best and one is not found.plain]
     for one in (found.best, *tied[:MOST_IN_PLACE], found.plain):
-        gain = measure_gain(channel, parts, ready.structure, one, ready.noise)
+        gain = measure_gain(channel, parts, one, ready.noise)
         if one is found.plain or not refuted(gain, tolerance):
             break
         unborne = unborne or (why_refuted(gain, channel.quantity.unit),)

@@ -1,5 +1,4 @@
-"""What an extension gains on runs that took part neither in fitting nor in choosing it, and where such runs are
-placed.
+"""What an extension gains on runs that it was not fitted to, and where such runs are placed.
 
 A run's own start, rate and airs are placed where they fit best within two of their stated uncertainties, the same way
 for every model; errors are over single samples.
@@ -188,37 +187,28 @@ def kinds(channel: Channel) -> NDArray[np.int64]:
 
 @dataclass(frozen=True)
 class HeldOutPart:
-    """One fold: which runs the models are fitted to, and which of the others, `test`, they predict.
+    """One fold: which runs the models are fitted to, `train`, and which of the others, `test`, they predict.
 
-    `held` and `bins` are the latter's readings. `plain` is the plain model fitted to the former, `value` its value
-    there [nats]; `residuals` (R, n) are those of the latter under it, without what single readings have
-    shown. `fits` are other models fitted to the former so far, by the identity of the fit to all, which they keep
-    alive.
+    `held` and `bins` are the latter's readings; `residuals` (R, n) are those under the plain model fitted to the
+    former, without what single readings have shown. `fits` are models fitted to the former so far, by the identity of
+    the fit to all, which they keep alive.
     """
 
     train: NDArray[np.bool_]
     test: NDArray[np.int64]
     part: Problem
-    bump: Array
-    plain: Fit
-    value: float
     residuals: Array
     held: Channel
     bins: Problem
-    fits: dict[int, tuple[Rated, float, Fit]] = field(default_factory=dict)
+    fits: dict[int, tuple[Rated, Fit]] = field(default_factory=dict)
 
-    def fitted(self, model: Rated) -> tuple[float, Fit]:
-        """A model's value on the runs that it is fitted to here [nats], and the fit."""
-        if id(model) not in self.fits:
-            self.fits[id(model)] = (model, *_fitted(self.part, self.bump, model, model.fit.structure, self.train))
-        return self.fits[id(model)][1:]
-
-    def squares(self, model: Rated) -> Array:
-        """Mean square errors (R,) of the runs held out under a model fitted to the others."""
+    def residuals_under(self, model: Rated) -> Array:
+        """Residuals (R, n) of the runs held out under a model fitted to the others."""
         if not model.ids:
-            return mean_squares(self.residuals)
-        found = self.plain if model.ids == frozenset(self.plain.structure.ids) else self.fitted(model)[1]
-        return run_errors(self.held, self.bins, found)
+            return self.residuals
+        if id(model) not in self.fits:
+            self.fits[id(model)] = model, _fitted(self.part, model, self.train)
+        return held_out_residuals(self.held, self.bins, self.fits[id(model)][1])
 
 
 def held_out_parts(channel: Channel, problem: Problem, plain: Rated) -> list[HeldOutPart]:
@@ -234,8 +224,7 @@ def held_out_parts(channel: Channel, problem: Problem, plain: Rated) -> list[Hel
         if not train.any() or not test.size:
             continue
         part = problem.select(train)
-        bump = bumps(part)
-        value, simple = _fitted(part, bump, plain, plain.fit.structure, train)
+        simple = _fitted(part, plain, train)
         # Nor is one that the training part has runs of and does not tell, while all runs together do.
         told, known = (np.sqrt(np.diag(f.covariance))[: channel.rates] for f in (simple, plain.fit))
         told = told < np.maximum(UNTOLD_SIGMA, USUAL_LOSS * known)
@@ -243,28 +232,18 @@ def held_out_parts(channel: Channel, problem: Problem, plain: Rated) -> list[Hel
         if test.size:
             held, bins = channel.select(test), problem.select(test)
             residuals = held_out_residuals(held, bins, plainly(simple))
-            found.append(HeldOutPart(train, test, part, bump, simple, value, residuals, held, bins))
+            found.append(HeldOutPart(train, test, part, residuals, held, bins, {id(plain): (plain, simple)}))
     return found
 
 
-def measure_gain(channel: Channel, parts: Sequence[HeldOutPart], base: Structure, best: Rated, noise: Noise) -> Gain:
-    """Held-out gain of an extended model over the plain one: in each fold it is chosen again without the runs held out,
-    from itself, itself less one effect, and the plain one, by the search's own score.
-    """
+def measure_gain(channel: Channel, parts: Sequence[HeldOutPart], model: Rated, noise: Noise) -> Gain:
+    """Held-out gain of a model over the plain one, each fitted anew without the runs held out."""
     before, after = np.full(channel.runs, np.nan), np.full(channel.runs, np.nan)
     left: dict[int, tuple[Array, Array]] = {}
-    whole = best.fit.structure
-    added = [e for e in whole.ids if e not in base.ids]
     for one in parts:
-        under_chosen = one.residuals
-        if whole.ids:
-            smaller = [whole.dropping(e) for e in added] if len(added) > 1 else []
-            tried = [one.fitted(best)]
-            tried += [_fitted(one.part, one.bump, best, structure, one.train) for structure in smaller]
-            tried.append((one.value, one.plain))
-            under_chosen = held_out_residuals(one.held, one.bins, max(tried, key=lambda found: found[0])[1])
-        before[one.test], after[one.test] = mean_squares(one.residuals), mean_squares(under_chosen)
-        left |= dict(zip(one.test.tolist(), zip(one.residuals, under_chosen, strict=True), strict=True))
+        under = one.residuals_under(model)
+        before[one.test], after[one.test] = mean_squares(one.residuals), mean_squares(under)
+        left |= dict(zip(one.test.tolist(), zip(one.residuals, under, strict=True), strict=True))
     return replace(summarise(before, after, noise.while_moving, kinds(channel)), held=_as_held_out(channel, left))
 
 
@@ -281,20 +260,15 @@ def _as_held_out(channel: Channel, left: Mapping[int, tuple[Array, Array]]) -> H
 
 def held_out_squares(parts: Sequence[HeldOutPart], model: Rated) -> Array:
     """Mean square errors (R,) of the runs that can be held out under a model that was fitted anew without them."""
-    return np.concatenate([one.squares(model) for one in parts])
+    return np.concatenate([mean_squares(one.residuals_under(model)) for one in parts])
 
 
-def _fitted(
-    part: Problem, bump: Array, whole: Rated, structure: Structure, train: NDArray[np.bool_]
-) -> tuple[float, Fit]:
-    """A structure fitted to the runs `train`, from where it was with all, and its value there [nats]."""
-    near = whole.fit
-    theta = Model(part.channel, structure).start(near.log_rates, near.choice)
-    own = fit(part, structure, theta, near.deviations[train])
-    rated = score(part, own, bump)
-    # What is held against each effect is about the same for all of them.
-    prior = whole.log_prior * len(structure.ids) / max(len(near.structure.ids), 1)
-    return rated.total + prior, as_stated(part, own, bump, rated.discrepancy, False)
+def _fitted(part: Problem, model: Rated, train: NDArray[np.bool_]) -> Fit:
+    """A model fitted to the runs `train`, from where it was with all."""
+    near, bump = model.fit, bumps(part)
+    theta = Model(part.channel, near.structure).start(near.log_rates, near.choice)
+    own = fit(part, near.structure, theta, near.deviations[train])
+    return as_stated(part, own, bump, score(part, own, bump).discrepancy, False)
 
 
 def plainly(found: Fit) -> Fit:
