@@ -13,11 +13,19 @@ from flight_worlds import World, air, changed, clock, driven, saturation_hpa, th
 Array = np.ndarray
 
 
-def _circling(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
-    """Circles in the sun: the bead is in the arm's shade for a part of each."""
+def _tightening(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """Circles in the sun that become tighter: by the flight's end one takes two thirds of what it took at first."""
     time = np.arange(bead.size) * FINE_S
-    seen = np.cos(2 * np.pi * (time / rng.uniform(12, 30) + rng.random()))
+    turns = np.cumsum(FINE_S / (rng.uniform(15, 30) * np.linspace(1.0, 2.0 / 3.0, time.size)))
+    seen = np.cos(2 * np.pi * (turns + rng.random()))
     return bead + rng.uniform(0.2, 0.8) * lagged(np.maximum(seen, 0.0), 0.5), humidity
+
+
+def _sees_the_motors(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """Weaving against the wind: the hygrometer's own air is warmer in every other leg, and the bead's is not."""
+    time = np.arange(bead.size) * FINE_S
+    over = rng.uniform(0.2, 0.8) * lagged((time / rng.uniform(8, 20) + rng.random()) % 2.0 < 1.0, 2.0)
+    return bead, humidity * saturation_hpa(world.temperature_c) / saturation_hpa(world.temperature_c + over)
 
 
 def _soaked(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
@@ -157,7 +165,8 @@ def doors(rng: Rng) -> World:
 
 
 FRESH: dict[str, Callable[[Rng], World]] = {
-    "sun while circling": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _circling),
+    "sun in a spiral": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _tightening),
+    "warm in every other leg": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _sees_the_motors),
     "out of its box": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _soaked),
     "wet bead": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _wet_bead),
     "dust cap": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _dust_cap),

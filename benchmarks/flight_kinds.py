@@ -230,6 +230,13 @@ def _sun(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> t
     return bead + lagged(rng.uniform(0.8, 1.8) * np.minimum(lit, 1.0), 0.5), humidity
 
 
+def _circling(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """Circles in the sun: the bead is in the arm's shade for a part of each."""
+    time = np.arange(bead.size) * FINE_S
+    seen = np.cos(2 * np.pi * (time / rng.uniform(12, 30) + rng.random()))
+    return bead + rng.uniform(0.2, 0.8) * lagged(np.maximum(seen, 0.0), 0.5), humidity
+
+
 def _ice(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
     """Ice on the bead: slower, and near freezing while it melts."""
     time = np.arange(bead.size) * FINE_S
@@ -392,6 +399,7 @@ KINDS: dict[str, Callable[[Rng], World]] = {
     "slow film, t63 80 s": lambda r: slow_film(r, 80.0),
     "slow film, t63 160 s": lambda r: slow_film(r, 160.0),
     "sun bursts": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _sun),
+    "sun while circling": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _circling),
     "icing": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _ice),
     "fan failure": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _no_fan),
     "fan failure, both ways": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _no_fan),

@@ -44,6 +44,7 @@ from shockrig.analysis.flight.smooth_channel import (
 from shockrig.analysis.flight.smoother import followed
 from shockrig.analysis.flight.stretches import MOST_SHARE, Felt, fastest, largest_share
 from shockrig.analysis.flight.sweep import lags_behind
+from shockrig.analysis.flight.swings import swings
 from shockrig.analysis.flight.undo_readout import (
     Acting,
     Stated,
@@ -429,6 +430,9 @@ def _alone(
     own_noise = float(np.hypot(noise, screened.resolution / np.sqrt(12)) / np.median(plain.gain))
     then = _earlier(time_s, air, plain.delay_s)
     alone = unseen(time_s, plain.reading, then, sigma, believed, response, own_noise)
+    if not alone.any() and believed.any():
+        read = np.interp(time_s, time_s[believed], np.maximum(plain.reading[believed], LEAST_PERCENT))
+        alone = swings(read, then, typical_period(time_s))
     return _earlier(time_s, alone, -plain.delay_s)
 
 

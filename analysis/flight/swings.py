@@ -1,0 +1,106 @@
+"""A temperature that swings by itself, again and again: in the sun once in each circle, say.
+
+Relative humidity follows the air's temperature at once. What the air's does again and again with one period shows in
+the humidity, in whatever way the vapour goes with it: but for one vapour in very many, whose size and phase undo just
+that. At a frequency that stands out of the temperature's spectrum let H be the humidity, in its logarithm, over the
+saturation pressure in its own. In air H is about -1, give or take as much, since vapour goes as it likes; of a
+thermometer that swings by itself it is 0, to within the scatter of H along the flight.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
+
+from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
+from shockrig.analysis.flight.unread import OF_MEDIAN
+from shockrig.analysis.physics.humidity import saturation_pressure_hpa
+
+Array = NDArray[np.float64]
+FEWEST_SWINGS = 6
+SHORTEST_S = 4.0  # of a swing
+OUT_OF_BINS = 12  # to either side, that say what the spectrum is beside a line
+LINE_BINS = 3  # that a line takes of them
+TOLD_LOG_ODDS = 3.0  # one in twenty
+
+
+def swings(humidity: Array, temperature_c: Array, period_s: float) -> Array:
+    """How far (n,) the temperature is moved by swings of its own, in K above where they leave it lowest.
+
+    Parameters
+    ----------
+    humidity, temperature_c : ndarray (n,)
+        Readings of the film [%RH], none of them 0, and the corrected temperature of the air.
+    period_s : float
+        Between rows.
+
+    """
+    log_saturation = _beside_a_line(np.log(saturation_pressure_hpa(temperature_c)))
+    both = np.stack([log_saturation, _beside_a_line(np.log(humidity))])
+    own = np.zeros(temperature_c.shape)
+    told: list[float] = []
+    for line in _lines(log_saturation, period_s):
+        swing, odds = _apart(both, line)
+        if odds < TOLD_LOG_ODDS:
+            continue
+        # what comes once in a circle has overtones, and may be one
+        parts = [(line, swing)]
+        for other in (0.5 * line, 2.0 * line):
+            swing, odds = _apart(both, other)
+            parts += [(other, swing)] if odds > 0.0 else []
+        for at, swing in parts:
+            if all(abs(at - one) * own.size > LINE_BINS for one in told):
+                told.append(at)
+                own += swing
+    per_k = np.log(saturation_pressure_hpa(temperature_c + 0.5) / saturation_pressure_hpa(temperature_c - 0.5))
+    own = own / per_k
+    return np.asarray(own - own.min())
+
+
+def _beside_a_line(values: Array) -> Array:
+    """Values (n,) without the straight line that fits them best."""
+    along = np.arange(values.size) - 0.5 * (values.size - 1)
+    square = float(along @ along)
+    return values - values.mean() - (along * (along @ values) / square if square else 0.0)
+
+
+def _lines(values: Array, period_s: float) -> list[float]:
+    """Frequencies [1/row] at which the spectrum of values (n,) stands out of what it is beside them."""
+    power = np.abs(np.fft.rfft(values * np.hanning(values.size))) ** 2
+    bins = np.arange(FEWEST_SWINGS, min(int(values.size * period_s / SHORTEST_S), power.size - OUT_OF_BINS))
+    if not bins.size:
+        return []
+    away = np.arange(LINE_BINS, OUT_OF_BINS + 1)
+    beside = bins[:, None] + np.concatenate([-away, away])
+    # of an exponential distribution the mean is the median over ln 2
+    usual = np.nanmedian(np.where(beside >= LINE_BINS, power[np.maximum(beside, 0)], np.nan), axis=1) / np.log(2.0)
+    out = power[bins] > (np.log(bins.size) + TOLD_LOG_ODDS) * usual
+    found = bins[out & (power[bins] >= maximum_filter1d(power, 2 * LINE_BINS - 1)[bins])]
+    # between bins a line lies about where their amplitudes have their centre
+    size = np.sqrt(power[found[:, None] + np.array([-1, 0, 1])])
+    return list(((found + (size[:, 2] - size[:, 0]) / size.sum(axis=1)) / values.size).tolist())
+
+
+def _apart(both: Array, line: float) -> tuple[Array, float]:
+    """What of the first of two series (2, n) swings with a frequency, and the log-odds that the second follows none of
+    it."""
+    count, width = both.shape[1], 1.0 / line
+
+    def around(values: Array, frequency: float) -> NDArray[np.complex128]:
+        """What turns with a frequency, as a mean under a bell as wide as a swing; beyond the ends there is nothing."""
+        bell = np.exp(-2.0 * (np.pi * width * (np.fft.fftfreq(2 * count) - frequency)) ** 2)
+        return np.asarray(np.fft.ifft(np.fft.fft(values, 2 * count) * bell)[..., :count])
+
+    moved, shown = around(both, line) / around(np.ones(count), 0.0).real
+    size = np.maximum(np.abs(moved), np.finfo(float).tiny)
+    ratio = shown * np.conj(moved) / size**2
+    # medians: where a layer is passed both say something else for a while
+    middle = complex(np.median(ratio.real), np.median(ratio.imag))
+    off = np.concatenate([ratio.real - middle.real, ratio.imag - middle.imag])
+    error = (OF_MEDIAN * MAD_TO_SIGMA * float(np.median(np.abs(off)))) ** 2
+    error = max(error * 2.0 * np.sqrt(np.pi) * width / count, np.finfo(float).tiny)
+    wide = 1.0 + error
+    odds = np.log(wide / error) - 0.5 * abs(middle) ** 2 / error + 0.5 * abs(middle + 1.0) ** 2 / wide
+    steady = moved * np.minimum(np.median(size) / size, 1.0)
+    return 2.0 * steady.real, float(odds)
