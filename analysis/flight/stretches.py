@@ -27,7 +27,6 @@ WINDOW_ROWS = 15  # rows that a stretch's noise is judged by
 BURST_FACTORS = {WINDOW_ROWS: 3.0, 5: 8.0}  # times the usual, in so many rows: a burst
 LEFT_SHARE = 0.1  # of a burst's noise, that its other readings show without the loudest
 FELT_SHARE = 0.25  # of what readings scatter by, that a sensor beside them felt at most: they are noise
-ALIVE_SHARE = 0.3  # of that sensor's own noise, that it shows at least: one that is stuck feels nothing
 LEAST_TURNED = 0.2  # of the noise, that readings turn back by in the mean, where white noise turns back by 0.64
 LONE_JUMP_SHARE = 0.3  # of the noise that third differences show, single ones show less at a lone jump
 WHITE_SHARE = (
@@ -215,7 +214,8 @@ def _burst(reading: Array, rows: NDArray[np.int64], usual: float, felt: Felt | N
     if beside.size < 2 * WINDOW_ROWS:
         return np.zeros(rows.size)
     other = felt.reading[rows[beside]]
-    alive = scatter(other) > ALIVE_SHARE * felt.noise
+    # one that is stuck feels nothing
+    alive = ~stuck_rows(other, felt.resolution, felt.noise, scatter(other))
 
     def least(window: int) -> Array:
         # a few rows tell it badly, and what is loud is so with the rows beside it

@@ -247,6 +247,18 @@ def test_a_film_in_a_burst_of_its_own_felt_nothing():
     assert np.flatnonzero(found.implausible).tolist() == [120]
 
 
+def test_a_film_that_stands_on_a_coarse_step_feels_no_burst_and_is_alive():
+    """At 2 Hz, among steps eight times its noise. Before: it passed for one that is stuck, and the burst for the air
+    (in one damaged log humidity came out 8.1 times as wrong as it was read)."""
+    rng, row = np.random.default_rng(3), np.arange(480)
+    reading = np.full(480, 25.5)
+    reading[156:162] = 28.6, 26.6, 26.6, 22.4, 28.6, 28.0
+    felt = Felt(np.zeros(480) + 0.16 * (row > 300), 0.02, 0.16)
+    reading[rng.integers(200, 480, 60)] += 0.5
+    found = screen(0.5 * row, reading, RANGES["temperature_c"], 0.02, share=0.82, swing=15.0, felt=felt)
+    assert np.min(found.louder[156:162]) > 10.0
+
+
 def test_a_plume_that_is_read_every_second_is_not_alone():
     """Its flanks lie on the way from one neighbour to the other. Before: five of its rows were taken for absurd."""
     plume = [21.71, 22.01, 22.22, 22.5, 23.03, 23.94, 24.77, 24.34, 22.94, 21.58, 20.82, 20.13]
