@@ -129,16 +129,20 @@ def held(columns: Array, resolutions: Sequence[float]) -> ColumnsHold:
     # where they are as near as that, either will do
     alike = np.abs(columns[1] - columns[0]) < CUT * max(one.usual[0] for one in usual)
     unsure = (np.abs(share - 0.5) < SURE - 0.5) & read & ~alike
-    return ColumnsHold(share > 0.5, unsure, np.stack([_told_to_its_ends(one) for one in in_degf]))
+    there = np.where(share > 0.5, known[::-1], known)
+    told = [_told_to_its_ends(one, some) for one, some in zip(in_degf, there, strict=True)]
+    return ColumnsHold(share > 0.5, unsure, np.stack(told))
 
 
-def _told_to_its_ends(share: Array) -> Mask:
-    """Rows (n,) of stretches that are surely what they have such a `share` (n,) of the probability to be."""
-    sure = share > SURE
-    edges = np.flatnonzero(np.diff(share > 1.0 - SURE, prepend=False, append=False)).reshape(-1, 2)
+def _told_to_its_ends(share: Array, read: Mask) -> Mask:
+    """Rows (n,) of stretches that are surely what they have such a `share` (n,) of the probability to be, wherever they
+    were `read` (n,)."""
+    told = share > 1.0 - SURE
+    sure = (share > SURE) | ~read
+    edges = np.flatnonzero(np.diff(told, prepend=False, append=False)).reshape(-1, 2)
     for first, behind in edges[[not sure[first:behind].all() for first, behind in edges]]:
-        sure[first:behind] = False
-    return np.asarray(sure)
+        told[first:behind] = False
+    return np.asarray(told)
 
 
 def _stuck(values: Array, resolution: float) -> Mask:
@@ -208,18 +212,21 @@ def _shares(pieces: _Pieces, usual: list[_Usual]) -> Array:
         (at_first, at_last), (before, behind) = pieces.at[:, COLUMN, k], pieces.noise[:, COLUMN, k]
         own = ALL_NOTHING * (count * ~READ).sum(axis=0) + ALL_WARM * pieces.warm[COLUMN[0], k] * (READ & ~DEGF)[0]
         own += ALL_ODD * count.max(axis=0) * (DEGF.any(axis=0) + COLUMN[0])
-        own = own / total + 2.0 * np.log(1.8) * (READ & DEGF).sum(axis=0)
+        own = own / total
         own[(READ & (count == 0)).any(axis=0)] = np.inf
         begun = chains.kind[:, None] >= 0
-        cost = chains.cost[:, None] + own + np.where(begun, changes[chains.kind], 0.0)
+        cost = chains.cost[:, None] + own + np.where(begun, changes[chains.kind], CHANGE * DEGF.any(axis=0))
         # of a column that was not read in the piece before, and does not jump
         unread = chains.source // len(KINDS) < k - 1
         for q, column in enumerate(COLUMN):
             since = np.maximum(at_first[q] - chains.row[q][:, None], 1)
             scale = np.where(column == 0, usual[0](since), usual[1](since))
             scale = np.maximum(scale, np.maximum(before[q], chains.noise[q][:, None]))
-            size = np.hypot(first[q] - chains.level[q][:, None], scale)
-            joined = 2.0 * np.log(size / least[column])
+            # in the unit of the column's own readings, which have one that stays, or take it here
+            was = KINDS[chains.source[q] % len(KINDS), 1 + q][:, None] == 1
+            factor = np.where(DEGF[q] & was, 1.8, 1.0)
+            size = np.hypot(factor * (first[q] - chains.level[q][:, None]), scale)
+            joined = 2.0 * np.log(size / least[column]) + np.log(1.8) * (DEGF[q] & ~was)
             same = KINDS[chains.kind, 0][:, None] == COLUMN[0]
             goes_on = np.where(same, unread[q][:, None], unread[1 - q][:, None]) & begun & ~pieces.begins[column, k]
             goes_on &= pieces.count[column, k - 1] > 0

@@ -56,6 +56,19 @@ def test_a_column_that_was_converted_to_fahrenheit_as_it_held_the_other_quantity
     assert np.array_equal(told.degf.any(axis=0), converted)
 
 
+def test_a_part_in_fahrenheit_is_one_however_often_it_drops_out():
+    """Before: each of its pieces was less likely than one in degC, and from the first row on it was told by nothing."""
+    rng = np.random.default_rng(7)
+    for there in (ROW < 400, (ROW >= 500) & (ROW < 900)):
+        log = np.stack([np.where(there, 1.8 * AIR + 32.0, AIR), HUMIDITY])
+        log[0, np.cumsum(rng.random(ROW.size) < 0.1) % 2 == 1] = np.nan
+        log[0, :3] = np.nan
+        told = held(log, RESOLUTIONS)
+        read = np.isfinite(log[0])
+        assert np.array_equal(told.degf[0, read], there[read])
+        assert not told.exchanged.any() and not told.unsure.any()
+
+
 def test_a_part_of_a_log_in_fahrenheit_is_read_as_that():
     """Before: it was left out, and the humidity there was given as it was read."""
     fuzz = benchmark("fuzz_flights")
