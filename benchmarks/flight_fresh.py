@@ -100,16 +100,6 @@ def _late_humidity(log: dict[str, Array], rng: Rng) -> None:
     log["humidity_percent"] = np.interp(log["time_s"] - rng.uniform(0.6, 1.4), log["time_s"], log["humidity_percent"])
 
 
-def _fan_now_and_then(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
-    """A loose plug at the fan: off for ten seconds now and then, the bead slower and warmer meanwhile."""
-    time = np.arange(bead.size) * FINE_S
-    off = np.zeros(bead.size, dtype=bool)
-    for at in rng.uniform(20, 220, 5):
-        off |= (time > at) & (time < at + rng.uniform(6, 14))
-    warm = lagged(np.where(off, rng.uniform(0.4, 1.0), 0.0), 2.0)
-    return np.where(off, lagged(bead, 2.0), bead) + warm, humidity
-
-
 def _ranges(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
     """A converter that changes its range: the temperature is 0.3 K or so higher above a threshold."""
     return bead + rng.uniform(0.2, 0.4) * (bead > np.median(bead)), humidity
@@ -178,7 +168,6 @@ FRESH: dict[str, Callable[[Rng], World]] = {
     "dust settles": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _ages),
     "tens of metres": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2, True), _steps_of_height),
     "late humidity": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2, True), _late_humidity),
-    "fan now and then": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _fan_now_and_then),
     "converter's ranges": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _ranges),
     "radio that fails": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2), _radio),
     "doors, radio fails": lambda r: with_rows(doors(r), _radio),

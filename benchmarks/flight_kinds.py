@@ -254,6 +254,16 @@ def _no_fan(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -
     return np.where(failed, lagged(bead, 3.0), bead) + warm, humidity
 
 
+def _fan_now_and_then(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
+    """A loose plug at the fan: off for ten seconds now and then, the bead slower and warmer meanwhile."""
+    time = np.arange(bead.size) * FINE_S
+    off = np.zeros(bead.size, dtype=bool)
+    for at in rng.uniform(20, 220, 5):
+        off |= (time > at) & (time < at + rng.uniform(6, 14))
+    warm = lagged(np.where(off, rng.uniform(0.4, 1.0), 0.0), 2.0)
+    return np.where(off, lagged(bead, 2.0), bead) + warm, humidity
+
+
 def _warm_logger(world: World, bead: Array, humidity: Array, rate: Array, rng: Rng) -> tuple[Array, Array]:
     """The hygrometer warms by a kelvin or two within minutes of being switched on, and reads low by that."""
     time = np.arange(bead.size) * FINE_S
@@ -403,6 +413,7 @@ KINDS: dict[str, Callable[[Rng], World]] = {
     "icing": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _ice),
     "fan failure": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _no_fan),
     "fan failure, both ways": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _no_fan),
+    "fan now and then": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _fan_now_and_then),
     "its own wash": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _own_wash),
     "hygrometer warms up": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2, True), _warm_logger),
     "supply sags": lambda r: with_sensors(profile(r, 40.0, 0.04, 0.2), _supply),

@@ -80,12 +80,12 @@ FilmTemperature = Callable[[Mapping[str, float], Array, Array], Array]
 #
 # A film shows little of what the vapour does at once, while its relative humidity follows the air's temperature
 # without lag. Let dx be what the temperature's change, over a time in which the film shows a share of at most
-# `SHOWN_SHARE` of a step (or over one row), makes of the humidity, and dr what its reading did beside its drift. If the
-# air went as the temperature says, the film's vapour dr + dx is that share of what the air's did, which may be anything
-# of dx's size (Cauchy); if the thermometer alone moved, dr is noise (Gauss). Changes that share readings are judged
-# together.
+# `SHOWN_SHARES` of a step (or over one row), makes of the humidity, and dr what its reading did beside its drift. If
+# the air went as the temperature says, the film's vapour dr + dx is that share of what the air's did, which may be
+# anything of dx's size (Cauchy); if the thermometer alone moved, dr is noise (Gauss). Changes that share readings are
+# judged together. What is slower than the first of these times is looked for in what the first leaves, over the second.
 
-SHOWN_SHARE = 1 / 3  # of a step of the vapour: a change that the film did not lag would need three times as much vapour
+SHOWN_SHARES = 1 / 3, 2 / 3  # of a step of the vapour: a change that the film did not lag would need so much more of it
 MOST_ROWS = 256
 FEWEST_WINDOWS = 20
 LEAST_TIMES = 2.0  # the usual change: smaller ones matter little, and nobody can tell whose they are
@@ -105,6 +105,7 @@ def unseen(
     believed: Mask,
     response: LagResponse,
     noise_percent: float,
+    shown: float = SHOWN_SHARES[0],
 ) -> Array:
     """How far (n,) the temperature has moved by itself since the first row, in K, 0 where the film agrees with it.
 
@@ -120,11 +121,13 @@ def unseen(
         Of the film, a row for each.
     noise_percent : float
         Of its readings.
+    shown : float
+        Share of a step that the film shows at most, over the time that is looked at.
 
     """
     nothing = np.zeros(temperature_c.shape)
     period = typical_period(time_s)
-    rows = _rows(response, period)
+    rows = _rows(response, period, shown)
     first = np.arange(rows, time_s.size - 2 * rows)
     if not rows or first.size < FEWEST_WINDOWS:
         return nothing
@@ -140,7 +143,7 @@ def unseen(
     moved, read = level * _beside(log_saturation, ends), _beside(humidity, ends)
     per_k = np.log(saturation_pressure_hpa(temperature_c[first] + 1.0)) - log_saturation[first]
     unsure = level * per_k * np.median(sigma_k[ends], axis=1)
-    share = max(SHOWN_SHARE, largest_share(response, rows * period))
+    share = max(shown, largest_share(response, rows * period))
     own = _own(first, moved, read, size, unsure, ENDS_NOISE * noise_percent, rows, share)
     if not own.any():
         return nothing
@@ -170,12 +173,12 @@ def _lagged_drift(used_c: Array, believed_c: Array, response: LagResponse, perio
     return np.asarray(drift - (lags * response.weight).sum(axis=1))
 
 
-def _rows(response: LagResponse, period: float) -> int:
-    """The most rows within which the film shows no more than `SHOWN_SHARE` of a step, or one in which it shows no more
-    than a lag does (`MOST_SHARE`); 0 where it shows more."""
+def _rows(response: LagResponse, period: float, shown: float) -> int:
+    """The most rows within which the film shows no more than the share `shown` of a step, or one in which it shows no
+    more than a lag does (`MOST_SHARE`); 0 where it shows more."""
     response = fastest(response)
     rows, more = int(largest_share(response, period) <= MOST_SHARE), 1
-    while more <= MOST_ROWS and largest_share(response, more * period) <= SHOWN_SHARE:
+    while more <= MOST_ROWS and largest_share(response, more * period) <= shown:
         rows, more = more, more + max(more // 4, 1)
     return rows
 
@@ -429,10 +432,12 @@ def _alone(
     believed = screened.usable & bead.screened.usable & ~(screened.loud | bead.screened.loud)
     own_noise = float(np.hypot(noise, screened.resolution / np.sqrt(12)) / np.median(plain.gain))
     then = _earlier(time_s, air, plain.delay_s)
-    alone = unseen(time_s, plain.reading, then, sigma, believed, response, own_noise)
-    if not alone.any() and believed.any():
+    alone = np.zeros(then.shape)
+    for shown in SHOWN_SHARES:
+        alone = alone + unseen(time_s, plain.reading, then - alone, sigma, believed, response, own_noise, shown)
+    if believed.any():
         read = np.interp(time_s, time_s[believed], np.maximum(plain.reading[believed], LEAST_PERCENT))
-        alone = swings(read, then, typical_period(time_s))
+        alone = alone + swings(read, then - alone, typical_period(time_s))
     return _earlier(time_s, alone, -plain.delay_s)
 
 
