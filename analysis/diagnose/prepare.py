@@ -136,7 +136,7 @@ def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | N
     # Air that nobody recorded may have changed as slowly as any mean would show it.
     if airs_open(channel) or channel.measured.any() or (now > 1 and channel.readings_per_sample == 1):
         return None
-    average, of_one = _averaging(channel)
+    whole, own = found.best.fit.structure, set(before.structure.ids)
     lengths, alike = set(), set()
     for id_, parameters in found.best.fit.values().items():
         if id_ in CATALOGUE and (looks := CATALOGUE[id_].readout.like_average) is not None:
@@ -144,44 +144,33 @@ def likelier_average(before: Prepared, found: Search, adequate: bool) -> int | N
             alike.add(id_)
     if not lengths and adequate:
         return None
-    likely, longest = before.noise.log_likelihood_by_average, longest_average(channel)
-    lengths |= {int(n) + 1 for n in np.flatnonzero(likely > likely[now - 1] - level("average_unlikely"))}
-    if now > 1:
-        lengths = set(range(2, longest + 1)) - {now}
-    lengths = {n for n in lengths if 2 <= n <= longest}
+    likely, rounding = before.noise.log_likelihood_by_average, before.step or channel.quantity.resolution
+    near = likely > likely[now - 1] - level("average_unlikely")
+    lengths |= {int(n) + 1 for n in np.flatnonzero(near | (now > 1))}
+    lengths = {n for n in lengths if 2 <= n <= longest_average(channel)} - {now}
     if not lengths:
         return None
-    rounding = before.step or channel.quantity.resolution
     if before.noise.increment < level("hidden_noise") * rounding:
         # Readings that mostly repeat the one before: what rounding leaves of the noise is not that of any model.
         likely = np.zeros(MAX_AVERAGED)
     else:
         likely = estimate_noise(channel, rounding, (now, *lengths)).log_likelihood_by_average
-    # What a wrong model gains by a mean says nothing against noise that is plainly that of single readings.
-    lengths = {n for n in lengths if likely[now - 1] - likely[n - 1] < level("average_unlikely")}
-    if not lengths:
-        return None
-    whole = found.best.fit.structure
-    without = whole.keeping(set(whole.ids) - alike - {average.id})
-    own = set(before.structure.ids)
-    # What stands beside that may itself be there for want of a mean.
-    models = list({kept.ids: kept for kept in (without, whole.keeping(own - {average.id}))}.values())
-    if not adequate:
-        # Where nothing explains the channel, what looks alike and a mean may both be there, with the rest or alone.
-        models += [whole.keeping(ids - {average.id}) for ids in (set(whole.ids), *(own | {e} for e in sorted(alike)))]
-    added = {effect.id: effect for effect in whole.effects if effect.id not in own}
-    cost = -2.0 * found.best.score.total + sum(_price(effect, channel) for effect in added.values())
-    best, bump = None, bumps(problem)
-    for kept in models:
-        nearest = found.plain.fit if set(kept.ids) == own - {average.id} else found.best.fit
-        start = refit(problem, kept, nearest, iterations=4)
-        paid = sum(_price(added[e], channel) for e in kept.ids if e in added)
-        paid += _price(average, channel) if now == 1 else 0.0
+    average, of_one = _averaging(channel)
+    added = {effect.id: _price(effect, channel) for effect in whole.effects if effect.id not in own}
+    best, cost, bump = None, -2.0 * found.best.score.total + sum(added.values()), bumps(problem)
+    # What stands beside what looks like a mean may itself be there for want of one.
+    for ids in dict.fromkeys((frozenset(whole.ids) - alike - {average.id}, frozenset(own - {average.id}))):
+        kept, nearest = whole.keeping(ids), found.plain if ids == own - {average.id} else found.best
+        start = refit(problem, kept, nearest.fit, iterations=4)
+        paid = sum(added.get(e, 0.0) for e in ids) + (_price(average, channel) if now == 1 else 0.0)
         for n in sorted(lengths):
+            # What a wrong model gains by a mean says nothing against noise that is plainly that of single readings.
+            if (unlikelier := likely[now - 1] - likely[n - 1]) >= level("average_unlikely"):
+                continue
             held = Held(average.id, average.parameters[0].name, n * of_one)
             trial = refit(problem, kept.adding(average, held), start)
             # On unseen runs, as everything: what a wrong model is likelier by on its own is thousands of nats.
-            total = -2.0 * score(problem, trial, bump).total + 2 * (likely[now - 1] - likely[n - 1]) + paid
+            total = -2.0 * score(problem, trial, bump).total + 2.0 * unlikelier + paid
             if total < cost - level("average_gain"):
                 cost, best = total, n
     return best
