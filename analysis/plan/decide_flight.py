@@ -81,14 +81,6 @@ class FlightLimits:
 
 
 @dataclass(frozen=True)
-class SensorCandidate:
-    """A model of the sensor on one channel that may be right, and its weight among the others."""
-
-    sensor: SensorModel
-    weight: float
-
-
-@dataclass(frozen=True)
 class DecidingFlight:
     """A flight that could be flown: in a word what it is, its legs, and the nats expected of each channel."""
 
@@ -129,8 +121,8 @@ def ranked(learned: LearnedFile, limits: FlightLimits) -> list[DecidingFlight]:
     return sorted(found, key=lambda one: -one.nats_per_minute)
 
 
-def candidates_of(channel: str, learned: LearnedChannel) -> tuple[SensorCandidate, ...]:
-    """The most probable models of a channel; raises InputError where one is not known."""
+def candidates_of(channel: str, learned: LearnedChannel) -> list[tuple[SensorModel, float]]:
+    """The most probable models of a channel with their weights; raises InputError where one is not known."""
     found = []
     for i, one in enumerate(learned.rivals[:MOST_CANDIDATES]):
         where = f"channels.{channel}.rivals[{i}]"
@@ -143,8 +135,8 @@ def candidates_of(channel: str, learned: LearnedChannel) -> tuple[SensorCandidat
                     f"{where}.values: {parameter.name} {value:g}; expected {parameter.low:g} to {parameter.high:g} "
                     f"{parameter.unit}; {REMEDY}"
                 )
-        found.append(SensorCandidate(SensorModel(laws, one.values), one.probability))
-    return tuple(found)
+        found.append((SensorModel(laws, one.values), one.probability))
+    return found
 
 
 def _law(where: str, channel: str, key: str) -> Law:
@@ -253,37 +245,29 @@ def bins_along(time_s: Array, altitude_m: Array, airspeed_m_s: Array, learned: L
     return binned(flight, "the next flight", CANDIDATE_BINS)
 
 
-def planned_data(bins: FlightBins, channel: str, learned: LearnedFile) -> FlightChannelData:
-    """A channel of a flight to come, ready: nobody knows yet where its air is steep."""
-    data = prepared(bins, channel)
-    return replace(data, unit=learned.channels[channel].unit, steps=np.ones(data.steps.size))
-
-
-def planned_sizes(bins: FlightBins, channel: str, learned: LearnedFile) -> Array:
-    """The flight's own numbers as `density` takes them: what the flights showed, over its altitudes and its minutes."""
-    walk, smooth_walk, drift, layers, eddies, noise = learned.channels[channel].sizes
-    longer = 0.0 if learned.minutes is None else math.log(bins.minutes / learned.minutes)
-    higher = math.log(float(np.ptp(bins.within_altitudes)) / float(np.ptp(learned.altitude_m)))
-    walks, changes = (walk + higher, smooth_walk + higher), (drift + longer, layers + longer)
-    return np.r_[walks, changes, eddies, noise, np.zeros(MOVES)]
-
-
-def usual_line(bins: FlightBins, learned: LearnedFile) -> float:
-    """Variance of the slope's column of a flight's air: as steep as readings are that spread evenly over altitudes."""
-    higher = float(np.ptp(bins.within_altitudes)) / float(np.ptp(learned.altitude_m))
-    return (RANGE_OVER_SIGMA / 2.0 * higher / UNKNOWN) ** 2
-
-
-def expected_nats(bins: FlightBins, channel: str, learned: LearnedFile, candidates: Sequence[SensorCandidate]) -> float:
+def expected_nats(
+    bins: FlightBins, channel: str, learned: LearnedFile, candidates: Sequence[tuple[SensorModel, float]]
+) -> float:
     """Mean of what a flight says over ordered pairs of candidates, by the product of their weights [nats]; 0 where
-    there is one."""
-    weights = [one.weight * other.weight for one, other in permutations(candidates, 2)]
+    there is one.
+
+    The flight's own numbers, as `density` takes them, are what the flights showed, over its altitudes and its minutes.
+    Its air is as steep as readings are that spread evenly over altitudes; nobody knows yet where it is steeper.
+    """
+    pairs = list(permutations(candidates, 2))
+    weights = [one * other for (_, one), (_, other) in pairs]
     if not sum(weights) > 0.0:
         return 0.0
-    data, own = planned_data(bins, channel, learned), planned_sizes(bins, channel, learned)
-    line = usual_line(bins, learned)
-    pairs = permutations([one.sensor for one in candidates], 2)
-    return float(np.average([nats_against(data, own, line, right, other) for right, other in pairs], weights=weights))
+    shown, data = learned.channels[channel], prepared(bins, channel)
+    data = replace(data, unit=shown.unit, steps=np.ones(data.steps.size))
+    walk, smooth_walk, drift, layers, eddies, noise = shown.sizes
+    higher = float(np.ptp(bins.within_altitudes)) / float(np.ptp(learned.altitude_m))
+    longer = 0.0 if learned.minutes is None else math.log(bins.minutes / learned.minutes)
+    walks, changes = (walk + math.log(higher), smooth_walk + math.log(higher)), (drift + longer, layers + longer)
+    own = np.r_[walks, changes, eddies, noise, np.zeros(MOVES)]
+    line = (RANGE_OVER_SIGMA / 2.0 * higher / UNKNOWN) ** 2  # variance of the slope's column
+    nats = [nats_against(data, own, line, right, other) for (right, _), (other, _) in pairs]
+    return float(np.average(nats, weights=weights))
 
 
 def nats_against(data: FlightChannelData, own: Array, line: float, right: SensorModel, other: SensorModel) -> float:
