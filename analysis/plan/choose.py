@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.diagnose.shock import LONGEST_S, PlannedShock
+from shockrig.analysis.diagnose.shock import PlannedShock
 from shockrig.analysis.plan.designs import Designs
 from shockrig.analysis.plan.evidence import REJECTED_FROM
 from shockrig.analysis.plan.information import nats
 from shockrig.analysis.plan.minutes import Airs, Minutes, airs_of, airs_of_run
 from shockrig.analysis.plan.precision import FEWEST_RUNS, Target
-from shockrig.analysis.plan.varied import farthest, is_again, shock_of
-from shockrig.files.campaign import Campaign, Run
+from shockrig.analysis.plan.varied import farthest, is_again
+from shockrig.files.campaign import Run
 
 Array = NDArray[np.float64]
 ANCHOR_EVERY = 6
@@ -114,20 +114,9 @@ def progress(target: Target, variance: float, runs: int) -> float:
     return min(target.wanted**2 / max(variance, 1e-30), runs / FEWEST_RUNS, 1.0)
 
 
-def chase(
-    designs: Designs, campaign: Campaign, worst: Sequence[str], minutes: Minutes, chased: int, count: int
-) -> list[Choice]:
-    """Runs for what nothing explains: once more where it is largest, and where nobody has looked yet, by turns.
-
-    `worst` are the runs that are explained worst, `chased` is how many runs were chosen so before.
-    """
-    before = airs_of_run(campaign.runs[-1])
-    by_id = {run.id: run for run in campaign.runs}
-    again = [shock for id_ in worst if (shock := shock_of(by_id[id_])) is not None]
-    if again and chased % 2 == 0:
-        chosen = replace(again[0], dwell_s=LONGEST_S, why="what is left is largest there")
-    elif designs.choosable:
-        chosen = replace(farthest(designs.choosable, campaign.runs), why="nothing like it has been recorded")
-    else:
+def chase(designs: Designs, recorded: Sequence[Run], minutes: Minutes) -> list[Choice]:
+    """The run for what nothing explains: that of the menu which is least like any that was `recorded`."""
+    if not designs.choosable:
         return []
-    return [Choice(chosen, minutes.of(before, chosen))][:count]
+    shock = replace(farthest(designs.choosable, recorded), why="nothing like it has been recorded")
+    return [Choice(shock, minutes.of(airs_of_run(recorded[-1]), shock))]

@@ -152,10 +152,9 @@ def decide(
         considered = tuple(chosen)
     else:
         chosen, considered = choose_runs(designs, minutes, () if campaign is None else campaign.runs, count)
-    worst = [look.left_over for look in looks.values() if look.left_over]
-    describes = any(v.describes for v in verdicts.values())
-    if goals.ties and campaign and worst and chased < MOST_UNEXPLAINED and not first and not describes:
-        chosen, chased = chase(designs, campaign, worst, minutes, chased, count), chased + 1
+    left = any(v.left for v in verdicts.values()) and not any(v.describes for v in verdicts.values())
+    if goals.ties and campaign and left and chased < MOST_UNEXPLAINED and not first:
+        chosen, chased = chase(designs, campaign.runs, minutes)[:count], chased + 1
     if not chosen:
         reason = f"no run of the menu brings what is missing: {missing(state)}"
         return replace(state, status=INCONCLUSIVE, reason=reason)

@@ -129,7 +129,6 @@ class ChannelLook:
     problem: Problem | None = None
     noise: Noise | None = None
     rivals: tuple[Fit, ...] = ()
-    left_over: str = ""  # the run that is explained worst, where something is left
     short: bool = False
 
 
@@ -182,12 +181,7 @@ def look_at(
     elif anew and wanted:
         ready, now = _diagnosed(channel, ready, now, final)
     rivals = tuple(_fitted(ready.problem, e, base) for e in now.standing) if len(now.standing) > 1 else ()
-    worst = ""
-    if now.left:
-        current = _fitted(ready.problem, now.causes, base)
-        squares = (ready.problem.whiten(current.residual) ** 2).sum(axis=1)
-        worst = ready.problem.channel.run_ids[int(np.argmax(squares))]
-    return ChannelLook(now, ready.problem, ready.noise, rivals, worst)
+    return ChannelLook(now, ready.problem, ready.noise, rivals)
 
 
 def diagnosed(campaign: Campaign, name: ChannelName, due: Verdict) -> Verdict:
