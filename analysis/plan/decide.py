@@ -140,7 +140,8 @@ def decide(
         looks, verdicts = _look(campaigns, verdicts, True, later, made, progress)
         if any(verdicts[place].causes != then.causes for place, then in judged.items()):
             found, fleets, wanted = _known(campaigns, verdicts, goals, population, progress)
-    chased, gained = before.chased, _gained(set(recorded) - set(before.recorded), found, wanted)
+    chased, new = before.chased, set(recorded) - set(before.recorded)
+    gained = sum(gained_by(new, own, [t for t in wanted if t.probe == p]) for p, own in found.items()) if new else None
     state = Decision("", "", recorded, spent, tuple(wanted), verdicts, (), (), chased, unvaried, gained, few)
     anchor = None if campaign is None or not campaign.runs else campaign.runs[0]
     designs = Designs.of(found, looks, wanted, goals, usual, allowed, anchor, population, fleets)
@@ -252,13 +253,6 @@ def _demand_sensors(goals: Goals, campaigns: Sequence[Campaign]) -> None:
             lacking = " or ".join(QUANTITIES[name].instrument for name in QUANTITY_OF[one.quantity])
             has_none = f"{campaigns[0].name} has none; leave it out"
             raise InputError(f"--until: {one}: is a goal of a {lacking}, and {has_none}")
-
-
-def _gained(new: Collection[str], found: Found, wanted: Sequence[Target]) -> float | None:
-    """What some runs brought to the rates that are wanted of all probes [nats]; None where there are no such runs."""
-    if not new:
-        return None
-    return sum(gained_by(new, own, [t for t in wanted if t.probe == probe]) for probe, own in found.items())
 
 
 def _lacking(campaigns: Sequence[Campaign], goals: Goals, found: Found) -> set[ChannelName]:

@@ -60,12 +60,8 @@ class Target:
         return ("" if self.probe == FIRST_PROBE else f"probe {self.probe}: ") + self.quantity
 
 
-def measured(
-    campaign: Campaign | None, extensions: Mapping[ChannelName, Extension] | None = None
-) -> Characterization | None:
+def measured(campaign: Campaign, extensions: Mapping[ChannelName, Extension] | None = None) -> Characterization | None:
     """The quick characterization of a campaign; None where nothing of it can be used yet."""
-    if campaign is None:
-        return None
     try:
         return characterize(campaign, extensions=extensions, quickly=True)
     except InputError:
