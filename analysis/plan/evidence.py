@@ -27,7 +27,7 @@ from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.behaviours import form_of
 from shockrig.analysis.effects.described import described, is_described
 from shockrig.analysis.estimate.fit import Fit, apart, fit, linearise
-from shockrig.analysis.estimate.fit_starts import rough_rates
+from shockrig.analysis.estimate.fit_starts import rough_point
 from shockrig.analysis.estimate.model import Model, Point, Structure
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.problem import Problem, posterior_scatter, prior_cost
@@ -92,6 +92,14 @@ def structure_of(explanation: Explanation, base: Structure, channel: str) -> Str
     return structure
 
 
+def fitted(problem: Problem, explanation: Explanation, base: Structure) -> Fit:
+    """An explanation fitted to a channel, from the values that it came with."""
+    structure = structure_of(explanation, base, problem.channel.name)
+    choice = {f"{effect}.{name}": value for effect, own in explanation.items() for name, value in own.items()}
+    start = rough_point(problem, structure, {name: choice[name] for name in structure.names if name in choice})
+    return fit(problem, structure, start.theta, start.deviations, iterations=40)
+
+
 def against(problem: Problem, base: Structure, dispute: Dispute) -> list[float]:
     """ln E against each explanation, 0 before any new run; `problem` holds old and new runs.
 
@@ -105,7 +113,7 @@ def against(problem: Problem, base: Structure, dispute: Dispute) -> list[float]:
         return [0.0] * count
     part = replace(problem.select(seen), channel=problem.channel.select(seen).without_lost_ambients())
     is_old = old[seen]
-    fits = [_Fitted.of(part, is_old, structure_of(e, base, channel.name), e) for e in dispute.explanations]
+    fits = [_Fitted.of(part, is_old, fitted(part.select(is_old), e, base)) for e in dispute.explanations]
     degrees = dispute.degrees(channel.rates)
     out = []
     for j, rival in enumerate(fits):
@@ -182,13 +190,8 @@ class _Fitted:
     bound: float
 
     @classmethod
-    def of(cls, problem: Problem, old: NDArray[np.bool_], structure: Structure, start: Explanation) -> _Fitted:
-        before = problem.select(old)
-        choice = {f"{e}.{p}": v for e, values in start.items() for p, v in values.items()}
-        choice = {name: value for name, value in choice.items() if name in structure.names}
-        rates = rough_rates(before, structure, None, choice)
-        theta = Model(before.channel, structure).start(rates, choice)
-        rough = fit(before, structure, theta)
+    def of(cls, problem: Problem, old: NDArray[np.bool_], rough: Fit) -> _Fitted:
+        before, structure = problem.select(old), rough.structure
         scatter = posterior_scatter([rough.own_rates()])
         then = _fit(before.with_rate_scatter(scatter), structure, rough)
         now = _fit(problem.with_rate_scatter(scatter), structure, then)

@@ -16,14 +16,12 @@ from shockrig.analysis.diagnose.prepare import Prepared, prepare
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.effects.described import described, discovered_of, is_described
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.fit import Fit, fit
-from shockrig.analysis.estimate.fit_starts import rough_point
+from shockrig.analysis.estimate.fit import Fit
 from shockrig.analysis.estimate.gather import build_channel
-from shockrig.analysis.estimate.model import Model, Structure
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import ChannelName
-from shockrig.analysis.plan.evidence import Dispute, against, label_of, structure_of
+from shockrig.analysis.plan.evidence import Dispute, against, fitted, label_of
 from shockrig.files.campaign import Campaign
 from shockrig.files.causes import StatedEffect, Uncertain
 
@@ -170,7 +168,7 @@ def look_at(
         now = replace(before, dispute=replace(before.dispute, against=so_far))
     anew = final or now.decided or before.runs == 0 and channel.runs >= 2 * FEWEST_RUNS
     if not anew and now.dispute is None:
-        current = _fitted(ready.problem, now.causes, base)
+        current = fitted(ready.problem, now.causes, base)
         passed = judge(ready.problem, current).passed
         anew = (not passed or before.left) and channel.runs >= max(MORE_RUNS * before.runs, before.runs + 1)
     wanted = channel.runs > before.runs or (final and not before.final)
@@ -180,7 +178,7 @@ def look_at(
         now = replace(now, due=True)
     elif anew and wanted:
         ready, now = _diagnosed(channel, ready, now, final)
-    rivals = tuple(_fitted(ready.problem, e, base) for e in now.standing) if len(now.standing) > 1 else ()
+    rivals = tuple(fitted(ready.problem, e, base) for e in now.standing) if len(now.standing) > 1 else ()
     return ChannelLook(now, ready.problem, ready.noise, rivals)
 
 
@@ -196,16 +194,6 @@ def _diagnosed(channel: Channel, ready: Prepared, before: Verdict, final: bool) 
     found = diagnose_channel(channel, earlier=before.causes, describing=final, ready=ready)
     ready = replace(ready, problem=found.problem, noise=found.noise, structure=found.plain.structure)
     return ready, _taken(outcome_of(found), before, final, ready)
-
-
-def _fitted(problem: Problem, explanation: Explanation, base: Structure) -> Fit:
-    """An explanation fitted to a channel, from the values that it came with."""
-    structure = structure_of(explanation, base, problem.channel.name)
-    choice = {f"{e}.{p}": v for e, values in explanation.items() for p, v in values.items()}
-    point = rough_point(problem, base)
-    start = {name: value for name, value in choice.items() if name in structure.names}
-    theta = Model(problem.channel, structure).start(point.theta[: problem.channel.rates], start)
-    return fit(problem, structure, theta, point.deviations, iterations=40)
 
 
 def _taken(found: ChannelOutcome, before: Verdict, final: bool, ready: Prepared) -> Verdict:
@@ -233,7 +221,7 @@ def _taken(found: ChannelOutcome, before: Verdict, final: bool, ready: Prepared)
         return Verdict("unexplained", runs, found.stated, None, out, look, settled, as_at_the_end)
     if tuple(sorted(found.stated)) in out:
         # What this look does not think best, new runs have borne out: what is left is judged of the model they leave.
-        if judge(ready.problem, _fitted(ready.problem, explanations[0], ready.structure)).passed:
+        if judge(ready.problem, fitted(ready.problem, explanations[0], ready.structure)).passed:
             verdict, as_at_the_end = "explained" if explanations[0] else "adequate", True
         else:
             verdict = "unexplained"
