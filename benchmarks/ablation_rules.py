@@ -79,6 +79,7 @@ RULES = (
     level("adequacy", -1.0, "the model-free tests: nothing is ever left by them"),
     level("held_out_excess", INF, "an error of twice the noise on unseen runs is a remainder"),
     level("rate_scatter", INF, "rates that scatter by 2.2 % are an effect"),
+    level("stated_scatter", 1.0, "stated uncertainties may be exceeded by 1.7"),
     Rule("hum taken out", "a hum of the plateaus is taken out first", {f"{D}without_hum": lambda c: (c, None)}),
     Rule("bursts", "bursts are described from the plateaus", {f"{D}bursts": _none}),
     Rule("refuted", "a model that runs held out refute is not stated", {f"{D}refuted": _never}),

@@ -1,8 +1,8 @@
 """Is anything left? Tests without physics of what a fitted model leaves.
 
 The mean response: a smooth basis in log time, crossed with step, direction, ambient and airflow, after the model's own
-parameters and each run's random effects are projected out. And whether the runs' rates scatter more than sensors' do.
-What single readings do all along is `restless`'s.
+parameters and each run's random effects are projected out. And these: rates that scatter more than sensors' do, starts
+and airs that are off by more than is stated of them. What single readings do all along is `restless`'s.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import Fit
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.problem import Problem
+from shockrig.analysis.estimate.quantity import RUN_EFFECT_NAMES, RunEffect
 
 Array = NDArray[np.float64]
 
@@ -56,9 +57,7 @@ class Adequacy:
 
 def judge(problem: Problem, found: Fit) -> Adequacy:
     """Test what `found` leaves of a problem's data."""
-    # Runs differ a little, and that is no effect; rates that differ by several percent are, whatever makes them differ.
-    wide = found.rate_scatter > level("rate_scatter")
-    return Adequacy((_response(problem, found), Check("scatter of the runs' rate", 0.0 if wide else 1.0)))
+    return Adequacy((_response(problem, found), *_deviations(problem, found)))
 
 
 def factors(channel: Channel) -> dict[str, Array]:
@@ -143,3 +142,20 @@ def when_largest(channel: Channel, found: Fit, noise: Noise) -> tuple[float, flo
         excess.append(float((found.residual[inside] ** 2 - expected).mean()) if inside.any() else 0.0)
     begins, ends = windows[int(np.argmax(excess))]
     return begins, min(ends, float(np.nanmax(late)))
+
+
+def _deviations(problem: Problem, found: Fit) -> list[Check]:
+    """Whether runs differ in their rates as no sensor does, or in anything else by more than is stated of it."""
+    # Runs that differ a little are no effect; rates that differ by several percent are, whatever makes them differ.
+    wide = found.rate_scatter > level("rate_scatter")
+    checks = [Check("scatter of the runs' rate", 0.0 if wide else 1.0)]
+    prior = 1.0 / found.arrow.weight
+    spread = np.maximum(prior - found.arrow.run_variances(), 0.0)
+    for k, name in enumerate(RUN_EFFECT_NAMES[: prior.shape[1]]):
+        told = (spread[:, k] > 0.2 * prior[:, k]) & problem.stated[:, k]
+        if told.sum() < 4 or k in (RunEffect.RATE, RunEffect.STRENGTH):  # their scatter is estimated
+            continue
+        # Stated uncertainties are good to about a third: the scale of the test is widened by that.
+        total = float((found.deviations[told, k] ** 2 / spread[told, k]).sum()) / level("stated_scatter")
+        checks.append(Check(f"scatter of the runs' {name}", float(special.chdtrc(float(told.sum()), total))))
+    return checks

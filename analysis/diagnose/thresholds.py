@@ -28,6 +28,7 @@ THRESHOLDS = {
     ),
     "adequacy": DiagnosisThreshold(1e-6, "probability below which what is left is no accident"),
     "rate_scatter": DiagnosisThreshold(0.022, "scatter of the runs' rates that is an effect"),
+    "stated_scatter": DiagnosisThreshold(1.7, "by how much stated uncertainties may be exceeded"),
     "held_out_excess": DiagnosisThreshold(2.0, "multiple of the noise that is no accident on unseen runs"),
     "average_gain": DiagnosisThreshold(6.0, "drop in deviance of a running mean that noise hides"),
     "average_unlikely": DiagnosisThreshold(40.0, "log-likelihood below which a length of a running mean is out"),

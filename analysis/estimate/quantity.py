@@ -39,6 +39,9 @@ class RunEffect(IntEnum):
     DESTINATION_C = 5
 
 
+RUN_EFFECT_NAMES = ("start", "rate", "source", "destination", "strength", "destination temperature")
+
+
 @dataclass(frozen=True)
 class Quantity:
     """One measured quantity.
