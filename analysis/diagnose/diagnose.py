@@ -26,9 +26,10 @@ from shockrig.analysis.diagnose.diagnosed import (
     Predicting,
 )
 from shockrig.analysis.diagnose.experiments import propose, unseen
-from shockrig.analysis.diagnose.gain import Gain, HeldOutPart, held_out_parts, held_out_squares, measure_gain
+from shockrig.analysis.diagnose.gain import Gain, HeldOutPart, held_out_parts, measure_gain, plainly, run_errors
 from shockrig.analysis.diagnose.grammar import stated
 from shockrig.analysis.diagnose.prepare import Prepared, likelier_average, prepare, with_rounding
+from shockrig.analysis.diagnose.refitting import with_rates_alike
 from shockrig.analysis.diagnose.remainder import Tolerance, describe, measure_remainder
 from shockrig.analysis.diagnose.restless import bursts, without_hum
 from shockrig.analysis.diagnose.search import Earlier, Rated, Search, first_look, search
@@ -37,9 +38,9 @@ from shockrig.analysis.diagnose.verdict import Standing, verdict
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.fit import Fit, rmse_over_samples
+from shockrig.analysis.estimate.fit import Fit
 from shockrig.analysis.estimate.gather import UNSETTLED, build_channel, usable_runs, why_none
-from shockrig.analysis.estimate.predictive import BUMP_COUNT, as_stated, bumps, gram, left_out
+from shockrig.analysis.estimate.predictive import BUMP_COUNT, as_stated, bumps
 from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, looked_for
 from shockrig.analysis.estimate.seen import FEW_RUNS
@@ -52,9 +53,10 @@ from shockrig.files.numbers import counted
 
 Array = NDArray[np.float64]
 
-MOST_PREDICTING = 8  # models that are tried on runs held out
+MOST_PREDICTING = 12  # models that may predict: the heaviest
+AS_GOOD = 1.0  # nats of the criterion by which models predict alike
 LEAST_TRIED = 0.01  # weight of a model that is not stated, from which on its effect is said to have been tried
-LEAST_SQUARE = 1e-30  # of a mean square or a weight, whose logarithm is taken
+LEAST_SQUARE = 1e-30  # of a mean square, whose logarithm is taken
 
 # What a channel's runs cannot tell, whatever is in them: said before anything is fitted.
 
@@ -252,7 +254,7 @@ def diagnose_channel(
         noise=ready.noise,
         plain=found.plain.fit,
         final=final,
-        predicting=stands if said in SETTLED else _predicting(ready, parts, found, stands, shown),
+        predicting=stands if said in SETTLED else _predicting(ready, found, stands, shown),
         untestable=tuple(
             id_ for id_, effect in CATALOGUE.items() if channel.name in effect.channels and not effect.acts_in(channel)
         ),
@@ -286,70 +288,40 @@ def _final(problem: Problem, model: Rated, than_runs: bool) -> Fit:
     return widened(problem, as_stated(problem, model.fit, bumps(problem), model.score.discrepancy, than_runs))
 
 
-def _predicting(
-    ready: Prepared,
-    parts: Sequence[HeldOutPart],
-    found: Search,
-    stands: Predicting,
-    shown: tuple[Discovered, ...],
-) -> Predicting:
-    """The model that predicts best: of those that do to first order, the stated and the plain one, that which does
-    where it is fitted anew without the runs that it predicts.
+def _predicting(ready: Prepared, found: Search, stands: Predicting, shown: tuple[Discovered, ...]) -> Predicting:
+    """The model that predicts best: of the heaviest, the stated and the plain one, each as it was fitted and with rates
+    alike, that which leaves least of its runs at the rate that they have in common, for what it takes.
 
-    A name has to be sure, a prediction only good: models whose effects say nothing may predict as well. Each run counts
-    as as many independent errors of unknown size as a discrepancy has bumps: that is their likelihood, and the weight
-    their prior. Where no run can be held out, it is the model that leaves least of those that it was fitted to, as
-    `_criterion` counts it.
+    A name has to be sure, a prediction only good: models whose effects say nothing may predict as well. And no name
+    asks what a run would do that nobody has seen: it has none of the rates that runs have of their own.
     """
-    problem, models = ready.problem, [one for one, _ in found.predictors]
-    log_prior = {id(one): np.log(max(weight, LEAST_SQUARE)) for one, weight in found.predictors}
-
-    def loss(one: Rated, squares: Array) -> float:
-        return _told(0.5 * BUMP_COUNT * _logs(squares).sum() - log_prior.get(id(one), np.log(LEAST_SQUARE)))
-
-    squares = dict[int, Array]()
-    if parts:
-        bump = bumps(problem)
-        first = sorted(models, key=lambda one: loss(one, left_out(gram(problem, one.fit, bump))))[:MOST_PREDICTING]
-        models = list({id(one): one for one in (*first, found.best, found.plain)}.values())
-        squares = {id(one): held_out_squares(parts, one) for one in models}
-        losses = [loss(one, squares[id(one)]) for one in models]
-    else:
-        losses = [_told(_criterion(problem.channel, one.fit)) for one in models]
-    best = int(np.argmin(losses))
-    model = models[best] if np.isfinite(losses[best]) else found.best
-    if model is found.best:
+    problem, heaviest = ready.problem, [one for one, _ in found.predictors[:MOST_PREDICTING]]
+    models = {id(one): one for one in (found.best, *heaviest, found.plain)}.values()
+    alike = ((one, with_rates_alike(problem, one.fit)) for one in models)
+    tried = [*((one, one.fit) for one in models), *((one, fit) for one, fit in alike if fit is not None)]
+    left = [run_errors(problem.channel, problem, fit if one.ids else plainly(fit)).mean() for one, fit in tried]
+    losses = np.array([_criterion(problem.channel, fit, square) for (_, fit), square in zip(tried, left, strict=True)])
+    best = int(np.argmax(losses <= losses.min() + AS_GOOD))  # where runs cannot tell, the stated one, then the heavier
+    model, fit = tried[best]
+    if fit is found.best.fit:
         return stands
-    fit, stated_so = _final(problem, model, than_runs=True), replace(found, best=model)
+    final, stated_so = _final(problem, replace(model, fit=fit), than_runs=True), replace(found, best=model)
     return Predicting(
         model,
-        fit,
-        _causes(ready, stated_so, fit),
-        (*stated(problem, stated_so, fit), *shown),
-        (_middle(squares[id(found.best)]), _middle(squares[id(model)])) if parts else None,
+        final,
+        _causes(ready, stated_so, final),
+        (*stated(problem, stated_so, final), *shown),
+        (float(np.sqrt(left[0])), float(np.sqrt(left[best]))),
     )
 
 
-def _criterion(channel: Channel, found: Fit) -> float:
-    """Schwarz's criterion of a fit, halved [nats]: each run counts as as many independent errors of unknown size as a
-    discrepancy has bumps, since what a model is wrong by is no noise: it is there again in the next run."""
+def _criterion(channel: Channel, found: Fit, square: float) -> float:
+    """Schwarz's criterion, halved [nats], of a fit that leaves a mean square (doi 10.1214/aos/1176344136): each run
+    counts as as many independent errors of unknown size as a discrepancy has bumps, since what a model is wrong by is
+    no noise: it is there again in the next run. Endless for a fit that led to no number."""
     errors = BUMP_COUNT * channel.runs
-    square = max(rmse_over_samples(channel, found) ** 2, LEAST_SQUARE)
-    return 0.5 * (errors * np.log(square) + found.theta.size * np.log(errors))
-
-
-def _told(loss: float) -> float:
-    """A loss; endless where a fit led to no number."""
+    loss = 0.5 * (errors * np.log(max(square, LEAST_SQUARE)) + found.theta.size * np.log(errors))
     return float("inf") if np.isnan(loss) else float(loss)
-
-
-def _logs(squares: Array) -> Array:
-    return np.asarray(np.log(np.maximum(squares, LEAST_SQUARE)))
-
-
-def _middle(squares: Array) -> float:
-    """Geometric mean of the rms errors of runs [unit], from their squares (R,)."""
-    return float(np.exp(0.5 * _logs(squares).mean()))
 
 
 def _borne_out(

@@ -133,11 +133,11 @@ class Cause(StatedCause):
 @dataclass(frozen=True)
 class Predicting:
     """The model that predicts, and that the profile carries: the stated one, the plain one, or one whose effects
-    are not sure enough to be stated or say nothing of causes. Runs held out speak for it or, with none, Schwarz's
-    criterion.
+    are not sure enough to be stated or say nothing of causes. Schwarz's criterion speaks for it.
 
-    `causes` and `discovered` are its effects; `errors` [unit] are by how much the stated model and this one miss runs
-    held out, geometric means over runs, None where it is the stated one or no run could be held out.
+    `fit` need not be that which the search ended with: runs may have been held to one rate. `causes` and `discovered`
+    are its effects; `errors` [unit] are the rms that the stated model and this one leave of the runs at the rate that
+    they have in common, None where what is stated predicts.
     """
 
     model: Rated

@@ -7,7 +7,7 @@ for every model; errors are over single samples.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -190,8 +190,7 @@ class HeldOutPart:
     """One fold: which runs the models are fitted to, `train`, and which of the others, `test`, they predict.
 
     `held` and `bins` are the latter's readings; `residuals` (R, n) are those under the plain model fitted to the
-    former, without what single readings have shown. `fits` are models fitted to the former so far, by the identity of
-    the fit to all, which they keep alive.
+    former, without what single readings have shown.
     """
 
     train: NDArray[np.bool_]
@@ -200,15 +199,12 @@ class HeldOutPart:
     residuals: Array
     held: Channel
     bins: Problem
-    fits: dict[int, tuple[Rated, Fit]] = field(default_factory=dict)
 
     def residuals_under(self, model: Rated) -> Array:
         """Residuals (R, n) of the runs held out under a model fitted to the others."""
         if not model.ids:
             return self.residuals
-        if id(model) not in self.fits:
-            self.fits[id(model)] = model, _fitted(self.part, model, self.train)
-        return held_out_residuals(self.held, self.bins, self.fits[id(model)][1])
+        return held_out_residuals(self.held, self.bins, _fitted(self.part, model, self.train))
 
 
 def held_out_parts(channel: Channel, problem: Problem, plain: Rated) -> list[HeldOutPart]:
@@ -232,7 +228,7 @@ def held_out_parts(channel: Channel, problem: Problem, plain: Rated) -> list[Hel
         if test.size:
             held, bins = channel.select(test), problem.select(test)
             residuals = held_out_residuals(held, bins, plainly(simple))
-            found.append(HeldOutPart(train, test, part, residuals, held, bins, {id(plain): (plain, simple)}))
+            found.append(HeldOutPart(train, test, part, residuals, held, bins))
     return found
 
 
@@ -256,11 +252,6 @@ def _as_held_out(channel: Channel, left: Mapping[int, tuple[Array, Array]]) -> H
         known = np.isfinite(both).all(axis=0)
         found.append((run, channel.run_ids[run], time[known], *both[:, known]))
     return HeldOut(*zip(*found, strict=True))
-
-
-def held_out_squares(parts: Sequence[HeldOutPart], model: Rated) -> Array:
-    """Mean square errors (R,) of the runs that can be held out under a model that was fitted anew without them."""
-    return np.concatenate([mean_squares(one.residuals_under(model)) for one in parts])
 
 
 def _fitted(part: Problem, model: Rated, train: NDArray[np.bool_]) -> Fit:

@@ -345,7 +345,8 @@ class Race:
             begins += [(rough_rates(problem, structure, anew, choice), choice, anew) for choice in own]
         if not far:  # what it does may hide in the runs' own deviations
             begins.append((begins[0][0], begins[0][1], anew))
-        if one.effect.start.own_rates and not channel.conditions.start_known.all():
+        own_rates = one.effect.start.own_rates or one.effect.start.rate_factor is not None
+        if own_rates and not channel.conditions.start_known.all():
             point = rough_point(problem, structure, begins[0][1])
             begins.append((point.theta[: channel.rates], begins[0][1], point.deviations))
         tried = [self.fitted(structure, model.start(r, choice), own, QUICK_STEPS) for r, choice, own in begins]

@@ -185,20 +185,6 @@ def densities(g: Gram, discrepancies: Array, blocks: NDArray[np.int64] | None = 
             np.stack([_summed(one, place, size) for one in x]) for x in (own, right, square, log_det)
         )
         count = _summed(count, place, size)
-    whole, rest, left, off = _beside_others(g, own, right, square)
-    off = off - (left * np.swapaxes(np.linalg.solve(whole, np.swapaxes(left, -1, -2)), -1, -2)).sum(axis=-1)
-    log_det = log_det + np.linalg.slogdet(whole)[1][:, None] - np.linalg.slogdet(rest)[1]
-    # A square below nought is rounding, of a fit so far off that it says nothing.
-    off = np.where(off < 0.0, np.nan, off)
-    # How large the noise is, is known about as well as from so many readings: Student's density in place of Gauss's, so
-    # that a run which no model describes counts by how much less one leaves of it than another, and not for thousands.
-    student = (NOISE_DEGREES + count) * np.log1p((off - count) / (NOISE_DEGREES + count))
-    return np.asarray(-0.5 * (count + student + log_det))
-
-
-def _beside_others(g: Gram, own: Array, right: Array, square: Array) -> tuple[Array, Array, Array, Array]:
-    """Normal matrices of all blocks (T, P, P) and without each block (T, B, P, P), and what is left of each under the
-    parameters that the others give it: of its right side (T, B, P), and of its square (T, B)."""
     scale = 1.0 / np.sqrt(np.diagonal(own.sum(axis=1), axis1=1, axis2=2) + g.prior)[:, None]
     own, right = own * scale[..., None] * scale[..., None, :], right * scale
     whole = own.sum(axis=1) + (g.prior * scale**2) * np.eye(g.prior.size)
@@ -207,7 +193,14 @@ def _beside_others(g: Gram, own: Array, right: Array, square: Array) -> tuple[Ar
     shift = np.linalg.solve(rest, (pull[:, None] - right)[..., None])
     left = right - (own @ shift)[..., 0]
     off = square - 2.0 * (shift[..., 0] * right).sum(axis=-1) + (np.swapaxes(shift, -1, -2) @ own @ shift)[..., 0, 0]
-    return whole, rest, left, off
+    off = off - (left * np.swapaxes(np.linalg.solve(whole, np.swapaxes(left, -1, -2)), -1, -2)).sum(axis=-1)
+    log_det = log_det + np.linalg.slogdet(whole)[1][:, None] - np.linalg.slogdet(rest)[1]
+    # A square below nought is rounding, of a fit so far off that it says nothing.
+    off = np.where(off < 0.0, np.nan, off)
+    # How large the noise is, is known about as well as from so many readings: Student's density in place of Gauss's, so
+    # that a run which no model describes counts by how much less one leaves of it than another, and not for thousands.
+    student = (NOISE_DEGREES + count) * np.log1p((off - count) / (NOISE_DEGREES + count))
+    return np.asarray(-0.5 * (count + student + log_det))
 
 
 def _summed(values: Array, place: NDArray[np.int64], count: int) -> Array:
@@ -231,13 +224,6 @@ def score(problem: Problem, found: Fit, bump: Array, blocks: NDArray[np.int64] |
     best = int(np.argmax(totals))
     runs = tried[best] if np.isfinite(totals[best]) else np.full(tried[best].shape, -HOPELESS_NATS)
     return Score(runs, float(DISCREPANCIES[best % DISCREPANCIES.size]))
-
-
-def left_out(g: Gram) -> Array:
-    """What a fit leaves of each run under the parameters that the other runs alone give it (R,), to first order: the
-    whitened square (r_i - J_i d_i)' C_i^-1 (r_i - J_i d_i)."""
-    left = _beside_others(g, *_reduced(g, np.zeros(1))[:3])[3][0]
-    return np.where(left < 0.0, np.nan, left)  # which is rounding, of a fit that says nothing
 
 
 def weights(densities_of: Sequence[Array], log_prior: Sequence[float], draws: int = 1000, seed: int = 26) -> Array:

@@ -410,7 +410,7 @@ def remainder_sentence(found: ChannelDiagnosis) -> str:
 def predicting_sentence(found: ChannelDiagnosis) -> str:
     """What the model that predicts has that the stated one has not, and why it predicts; empty where it is the same."""
     best, other = found.search.best, found.predicting.model
-    if other is best:
+    if found.predicting.errors is None:
         return ""
 
     stated_if_sure = found.search.may_state(other)
@@ -419,16 +419,15 @@ def predicting_sentence(found: ChannelDiagnosis) -> str:
         shares = {e: f" ({100 * found.search.probability(e):.0f} %)" if stated_if_sure else "" for e in ids}
         return listed([label(e) + shares[e] for e in sorted(ids)])
 
+    stated, own = (plain(error, 2) for error in found.predicting.errors)
+    why = f"At the rate that runs have in common it misses them by {own}, not {stated} {UNIT[found.name]}"
+    if other is best:
+        return f"The profile carries what is stated with the numbers of a fit that gives all runs one rate. {why}."
     more, less = other.ids - best.ids, best.ids - other.ids
     how = ", ".join([*([f"with {words(more)}"] if more else []), *([f"without {words(less)}"] if less else [])])
-    if found.predicting.errors is None:
-        why = "It leaves least of the readings for what it takes, and there is no run to try it on."
-    else:
-        stated, own = (plain(error, 2) for error in found.predicting.errors)
-        likelier = "" if found.predicting.errors[1] < found.predicting.errors[0] else "It is likelier. "
-        why = f"{likelier}In the middle of the runs it misses unseen ones by {own}, not {stated} {UNIT[found.name]}."
     kind = "that is not sure enough" if stated_if_sure else "whose values these runs leave too open"
-    return f"The profile carries a model {kind} to be stated, {how}. {why}"
+    simpler = "" if own < stated else ", with fewer parameters"
+    return f"The profile carries a model {kind} to be stated, {how}. {why}{simpler}."
 
 
 def headline(diagnosis: Diagnosis) -> str:

@@ -151,8 +151,8 @@ def test_a_model_that_led_to_no_number_does_not_keep_others_from_predicting(tmp_
     module = import_module(diagnose.__module__)
     criterion = module._criterion
 
-    def without_number(channel, found):
-        return criterion(channel, found) if found.structure.ids in ((), ("parallel_lag",)) else np.nan
+    def without_number(channel, found, square):
+        return criterion(channel, found, square if found.structure.ids in ((), ("parallel_lag",)) else np.nan)
 
     monkeypatch.setattr(module, "_criterion", without_number)
     assert recorded(tmp_path, 300.0).predicting.model.ids == {"parallel_lag"}

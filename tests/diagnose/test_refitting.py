@@ -4,14 +4,16 @@ import numpy as np
 from small_worlds import record
 
 from shockrig.analysis.diagnose.candidates import candidates
+from shockrig.analysis.diagnose.gain import run_errors
 from shockrig.analysis.diagnose.prepare import prepare
-from shockrig.analysis.diagnose.refitting import plain_fit, refit
+from shockrig.analysis.diagnose.refitting import plain_fit, refit, with_rates_alike
 from shockrig.analysis.diagnose.search import Race
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.fit import fit
 from shockrig.analysis.estimate.fit_starts import unstuck
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import PLAIN
+from shockrig.analysis.estimate.problem import RATE_SCATTER
 from shockrig.analysis.estimate.quantity import RunEffect
 from shockrig.files.campaign import Campaign, Run, RunAir, Trace
 from shockrig.rig.virtual.plans import wide_plan
@@ -20,11 +22,11 @@ from shockrig.rig.virtual.truth import Hidden, TrueNoise
 PERIOD_S = 10.0
 
 
-def untriggered(seed):
-    """Three runs of two exponentials, 40 s and 400 s, of which nobody recorded start or airs."""
+def untriggered(seed, lengths=(300, 300, 300)):
+    """Runs of two exponentials, 40 s and 400 s, of which nobody recorded start, airs or airflow."""
     rng, made = np.random.default_rng(seed), []
-    for k in range(3):
-        time = PERIOD_S * np.arange(300) + rng.uniform(0.0, PERIOD_S)
+    for k, length in enumerate(lengths):
+        time = PERIOD_S * np.arange(length) + rng.uniform(0.0, PERIOD_S)
         late = np.maximum(time - 100.0 - rng.uniform(0.0, PERIOD_S), 0.0)
         shown = 1.0 - 0.6 * np.exp(-late / 40.0) - 0.4 * np.exp(-late / 400.0)
         value = 20.0 + (10.0 if k % 2 else -10.0) * shown + 0.02 * rng.standard_normal(time.size)
@@ -43,6 +45,25 @@ def test_a_wrong_model_ends_where_no_other_start_leaves_less():
         begun = found.deviations.copy()
         begun[:, RunEffect.START] += shift_s
         assert fit(problem, wrong, found.theta, begun, 40).objective > 0.99 * found.objective
+
+
+def test_a_wrong_model_is_fitted_to_what_runs_have_in_common():
+    """A lag follows the fast one of two in a short record, and the slow one in a long one: with a rate of its own each
+    is left little of, and the mean of these rates is that of no run."""
+    problem = prepare(untriggered(2, (40, 300, 300, 40))).problem
+    own = plain_fit(problem)
+    alike = with_rates_alike(problem, own)
+    assert own.rate_scatter > 0.1 and alike.rate_scatter == RATE_SCATTER
+    readings = np.array([time.size for time, _ in problem.channel.samples])
+    missed, left = (readings @ run_errors(problem.channel, problem, one) for one in (own, alike))
+    assert left < 0.9 * missed
+
+
+def test_runs_that_differ_as_sensors_do_keep_their_fit():
+    problem = prepare(untriggered(1)).problem
+    two = PLAIN.adding(CATALOGUE["parallel_lag"])
+    found = refit(problem, two, plain_fit(problem))
+    assert found.rate_scatter < 0.03 and with_rates_alike(problem, found) is None
 
 
 def lone_plunge():

@@ -19,7 +19,6 @@ from shockrig.analysis.estimate.predictive import (
     bumps,
     densities,
     gram,
-    left_out,
     no_surer,
     score,
     stated_beside,
@@ -85,19 +84,6 @@ def conditional(g, columns, discrepancy, blocks):
         density = student.logpdf(expected[:n] + away) - student.logpdf(expected[:n] + typical)
         said.append(density - 0.5 * n - 0.5 * np.linalg.slogdet(left)[1])
     return np.array(said)
-
-
-def test_what_is_left_of_a_run_is_that_under_the_parameters_that_the_others_give(linear):
-    g, (j, u, _, r) = linear
-    left = []
-    for i in range(RUNS):
-        noise = [np.linalg.inv(np.eye(READINGS) + u[k] * g.own[k] @ u[k].T) for k in range(RUNS)]
-        others = [k for k in range(RUNS) if k != i]
-        normal = np.diag(g.prior) + sum(j[k].T @ noise[k] @ j[k] for k in others)
-        theta = np.linalg.solve(normal, g.pull + sum(j[k].T @ noise[k] @ r[k] for k in others))
-        missed = r[i] - j[i] @ theta
-        left.append(missed @ noise[i] @ missed)
-    assert left_out(g) == pytest.approx(left)
 
 
 @pytest.mark.parametrize("blocks", [None, [0, 0, 1, 2, 1]])
