@@ -5,7 +5,7 @@ With the causes in the model alpha and D are the material's; without them they a
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -22,9 +22,7 @@ from shockrig.analysis.characterize.result import (
     to_profile,
 )
 from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis
-from shockrig.analysis.diagnose.thresholds import level
-from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.estimate.fit import Fit, rmse_over_samples
+from shockrig.analysis.estimate.fit import rmse_over_samples
 from shockrig.analysis.estimate.quantity import ChannelName
 from shockrig.analysis.estimate.seen import by_itself
 from shockrig.files.campaign import Campaign
@@ -55,56 +53,38 @@ def extended_result(found: ChannelDiagnosis) -> ChannelResult | None:
     rows, undetermined = joint_rows(part, found.noise, "all runs")
     if not rows:
         return None
-    wider = _wider(found)
     shown = by_itself(found.problem.channel) if found.verdict == "unexplained" and not found.gain.measured else None
-    rows = [_in_doubt(found, row, wider, shown) for row in rows]
+    rows = [_in_doubt(found, row, shown) for row in rows]
     effects = tuple(cause.as_effect() for cause in found.predicting.causes)
     left_out = [*found.problem.channel.left_out, *undetermined]
     return channel_result(rows, found.noise, effects, [part], left_out, found.predicting.discovered)
 
 
-def _in_doubt(
-    found: ChannelDiagnosis, row: TableRow, wider: Sequence[Fit], shown: tuple[float, float] | None
-) -> TableRow:
-    """A row as uncertain as the models are apart that are tied with it or stated, each by its weight, and no surer
-    than the models that it is a limit of; `shown` are the times to 63 and 90 % that a single run's readings show.
+def _in_doubt(found: ChannelDiagnosis, row: TableRow, shown: tuple[float, float] | None) -> TableRow:
+    """A row as uncertain as the models are apart that are tied with it or stated, each by its weight; `shown` are the
+    times to 63 and 90 % that a single run's readings show.
     """
     channel, search = found.problem.channel, found.search
     ambient = int(np.argmin(np.abs(channel.ambients_c - row.ambient_c)))
     own = found.predicting.model
     rivals = search.rivals() if own is search.best else [one for one in search.tied() if one is not own]
-    if not (rivals or wider or shown):
+    if not (rivals or shown):
         return row
-    fits = (*(one.fit for one in rivals), *wider)
-    stated, others = row.response, [response_time(channel, one, ambient) for one in fits]
+    stated, others = row.response, [response_time(channel, one.fit, ambient) for one in rivals]
     # Moments about what is stated, each number's own: a time to 63 % that is twenty times another's is no share of it.
     told = np.array([[r.t63_s, r.t90_s, r.t98_s, 1.0 / r.t63_s] for r in (stated, *others)])
-    apart = (told[1:] - told[0]) ** 2
     weight = np.array([search.weight(one) for one in (own, *rivals)])
-    away = np.sqrt(weight[1:] @ apart[: len(rivals)] / weight.sum())
-    away = np.maximum(away, np.sqrt(apart[len(rivals) :].max(axis=0, initial=0.0)))
+    away = np.sqrt(weight[1:] @ (told[1:] - told[0]) ** 2 / weight.sum())
     if shown is not None:  # a shape that no other run has borne out is as sure as it agrees with the readings
         t63, t90 = shown
         away = np.maximum(away, np.abs(np.array([t63, t90, t90 * told[0, 2] / told[0, 1], 1.0 / t63]) - told[0]))
-    sure = np.array([r.standard_uncertainties_s or (0.0, 0.0, 0.0) for r in (stated, *others[len(rivals) :])])
-    first, second, third = (float(u) for u in np.hypot(sure.max(axis=0), away[:3]))
+    sure = np.array(stated.standard_uncertainties_s or (0.0, 0.0, 0.0))
+    first, second, third = (float(u) for u in np.hypot(sure, away[:3]))
     return replace(
         row,
         standard_uncertainty=float(np.hypot(row.standard_uncertainty, row.diffusivity_m2_s * away[3] * stated.t63_s)),
         response=replace(stated, standard_uncertainties_s=(first, second, third)),
     )
-
-
-def _wider(found: ChannelDiagnosis) -> list[Fit]:
-    """The models of which the one that is stated is a limit, where the runs could be theirs as well."""
-    wholes = {whole: c.effect for c in found.causes if (whole := CATALOGUE[c.effect].candidacy.limit_of)}
-    best = found.search.best
-    return [
-        one.fit
-        for one in found.search.pool
-        if any(one.ids == best.ids - {part} | {whole} for whole, part in wholes.items())
-        and one.score.total > best.score.total - level("effect")
-    ]
 
 
 def extended_profile(

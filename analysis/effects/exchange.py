@@ -46,7 +46,6 @@ CONVECTIVE_FILM = Effect(
     ),
     needs=Needs("needs runs whose airflow was recorded", lambda channel: bool(channel.conditions.airflow_known.all())),
     start=Start(own_rates=True),
-    candidacy=Candidacy(limit_of="sheath"),
     in_flight=InFlight(
         biot=lambda p, stream, radius: p["biot_at_5_m_s"] * ventilation_ratio(stream, radius),
     ),
@@ -113,7 +112,6 @@ VAPOUR_BOUNDARY_LAYER = Effect(
         "Take off the filter cap or aspirate harder; state the airflow with every response time.",
     ),
     needs=Needs("needs runs whose airflow was recorded", lambda channel: bool(channel.conditions.airflow_known.all())),
-    candidacy=Candidacy(limit_of="sheath"),
     in_flight=InFlight(
         biot=lambda p, stream, thickness: p["biot_at_5_m_s"] * vapour_ratio(stream),
     ),
@@ -154,9 +152,7 @@ SERIES_LAG = Effect(
         ),
         "Take off cap or sheath for a comparison, or fly with it on: the profile has it in.",
     ),
-    candidacy=Candidacy(
-        rare=lambda channel: channel.known_sensor, limit_of="sheath", shape=True, refused=_before_nothing
-    ),
+    candidacy=Candidacy(rare=lambda channel: channel.known_sensor, shape=True, refused=_before_nothing),
     in_flight=InFlight(series_s=lambda p: p["time_constant_s"]),
 )
 

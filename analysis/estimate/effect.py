@@ -218,8 +218,6 @@ class Candidacy:
         Where real benches hardly ever have it.
     excludes, beside : frozenset of str
         Effects that cannot stand beside it, and those of which one has to be in the model for it to do anything.
-    limit_of : str
-        The effect of which this one is a limit: where that may act, its times are no surer than that one's.
     shape : bool
         Whether it only says how the response behaves, and not what makes it behave so.
     refused : (channel, {parameter: value}, bare) -> bool
@@ -230,7 +228,6 @@ class Candidacy:
     rare: Callable[[Channel], bool] | None = None
     excludes: frozenset[str] = frozenset()
     beside: frozenset[str] = frozenset()
-    limit_of: str = ""
     shape: bool = False
     refused: Callable[[Channel, Values, Callable[[], Array]], bool] | None = None
 
