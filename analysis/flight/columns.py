@@ -16,6 +16,7 @@ from scipy.ndimage import median_filter
 
 from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
 from shockrig.analysis.flight.stretches import scatter, stuck_rows
+from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.ranges import RANGES
 
 Array = NDArray[np.float64]
@@ -33,6 +34,7 @@ NOTHING = 16.0  # nats against a column that holds neither quantity from a jump 
 ALL_NOTHING, ALL_WARM, ALL_ODD = 20.0, 24.0, 6.0  # odd: exchanged, or in degF
 WARM_C = 35.0  # few airs are flown in that are warmer
 LEAST_GONE = 1e-3  # K or %RH: of a column that stands
+AIR_C = RANGES["temperature_c"]
 SURE = 0.8  # probability of what is done with a row
 CHAINS = 32  # that are followed at once: twice as many change nothing, half as many do
 
@@ -112,8 +114,7 @@ def held(columns: Array, resolutions: Sequence[float]) -> ColumnsHold:
     none = np.zeros(columns.shape, dtype=bool)
     as_it_is = ColumnsHold(none[0], none[0], none)
     # of what either can be
-    most = RANGES["temperature_c"]
-    columns = np.where((columns >= most.low) & (columns <= 1.8 * most.high + 32.0), columns, np.nan)
+    columns = np.where((columns >= AIR_C.low) & (columns <= 1.8 * AIR_C.high + 32.0), columns, np.nan)
     known = np.isfinite(columns)
     if np.count_nonzero(known, axis=1).min() < 2 * NOISE_ROWS:
         return as_it_is
@@ -225,7 +226,12 @@ def _shares(pieces: _Pieces, usual: list[_Usual]) -> Array:
             # in the unit of the column's own readings, which have one that stays, or take it here
             was = KINDS[chains.source[q] % len(KINDS), 1 + q][:, None] == 1
             factor = np.where(DEGF[q] & was, 1.8, 1.0)
-            size = np.hypot(factor * (first[q] - chains.level[q][:, None]), scale)
+            gone = np.abs(first[q] - chains.level[q][:, None])
+            if q:  # the humidity jumps with the air's temperature, which a thermometer shows by the piece's end
+                both = READ[0] & (chains.row[0][:, None] >= 0)
+                beside = _beside_the_air(chains.level, first[1], last[0])
+                gone = np.where(both, np.minimum(gone, beside), gone)
+            size = np.hypot(factor * gone, scale)
             joined = 2.0 * np.log(size / least[column]) + np.log(1.8) * (DEGF[q] & ~was)
             same = KINDS[chains.kind, 0][:, None] == COLUMN[0]
             goes_on = np.where(same, unread[q][:, None], unread[1 - q][:, None]) & begun & ~pieces.begins[column, k]
@@ -254,6 +260,13 @@ def _shares(pieces: _Pieces, usual: list[_Usual]) -> Array:
         ahead = np.where(into >= 0, step + behind_it[into], np.inf)
         behind_it = _together(ahead, i, int(costs[k - 1].size) if k else 1)
     return shares
+
+
+def _beside_the_air(before: Array, humidity: Array, air_c: Array) -> Array:
+    """How far (c, o) a humidity (o,) is from what the vapour of `before` (2, c), temperature first, makes of it in air
+    of another temperature (o,)."""
+    was, now = (saturation_pressure_hpa(np.clip(one, AIR_C.low, AIR_C.high)) for one in (before[0], air_c))
+    return np.asarray(np.abs(humidity - (before[1] * was)[:, None] / now))
 
 
 def _together(cost: Array, group: Rows, count: int) -> Array:
