@@ -127,8 +127,9 @@ def excess(difference: Difference) -> tuple[float, float]:
     is that they do: that the difference is as of a variance up to MOST_TIMES larger, and not of chance."""
     d = difference.corrected
     of_turbulence = float(np.median(np.diff(d) ** 2)) / NEIGHBOUR_MEDIAN * d.size ** (2.0 / 3.0)
-    allowed = of_turbulence + float(difference.variance.mean())
-    seen = float(np.mean(d**2))
+    # layers in which little is known say little of the others
+    known = 1.0 / np.maximum(of_turbulence + difference.variance, np.finfo(float).tiny)
+    allowed, seen = float(1.0 / known.mean()), float(np.average(d**2, weights=known))
     if seen <= allowed:
         return 0.0, 0.0
     times, half = seen / allowed, LARGE_SCALES / 2.0

@@ -358,6 +358,9 @@ def test_ways_are_the_likelier_to_disagree_the_more_they_do():
     rest, likely = np.array([found(times) for times in (1.5, 2.5, 4.0, 8.0, 1e3, 1e9)]).T
     assert np.all(np.diff(likely) >= 0.0) and likely[0] < 0.15 and 0.3 < likely[2] < 0.7 and likely[3] > 0.95
     np.testing.assert_allclose(rest, likely * (np.array([1.5, 2.5, 4.0, 8.0, 1e3, 1e9]) - 1.0))
+    # ten layers of which next to nothing is known hide nothing of what the others say, as a mean over all would
+    unknown = np.append(np.ones(50), np.full(10, 1e4))
+    assert excess(Difference(2.0 * np.sqrt(2.0) * np.ones(60), unknown))[1] > 0.95
     # of 20,000 flights as stated: about one in a hundred is said not to be
     chance = np.random.default_rng(0).chisquare(3, 20000) / 3.0
     assert np.mean([found(times)[1] > 0.5 for times in chance]) < 0.015
