@@ -36,6 +36,7 @@ SMOOTHER = (
     "comparisons.MOST_TIMES", "comparisons.COVERED_S", "comparisons.DRIFT_S", "air_prior.BINS_PER_OCTAVE",
     "air_prior.SMOOTH_SHARE",
     "columns.CHANGE", "columns.NOTHING", "columns.CUT", "columns.ALL_NOTHING", "columns.ALL_WARM", "columns.ALL_ODD",
+    "columns.WARM_C", "columns.SURE", "columns.LEVEL_ROWS", "columns.CHAINS",
     "smooth_channel.TO_AND_FRO", "smooth_channel.LEAST_CALM",
     "smooth_channel.PLACES_IN_GAP", "smooth_channel.COMPARABLE_SHARE", "smooth_channel.MOST_SURPRISE",
     "stretches.LEAST_TURNED",
@@ -59,7 +60,8 @@ CAUSES = {
 }
 MOVED = ("sun bursts", "icing", "fan failure")
 FLOWN = ("convective", "door, in and out", "missing samples", "absurd samples", *MOVED, *CAUSES)
-DAMAGED = ("swapped", "burst", "coarse", "gaps", "stuck", "clipped")
+DAMAGED = {name: [name] for name in ("swapped", "fahrenheit", "burst", "coarse", "gaps", "stuck", "clipped")}
+DAMAGED["columns"] = ["swapped", "fahrenheit", "gaps", "sentinel_block"]
 LAG_S = 2.0
 
 
@@ -108,8 +110,8 @@ def flown(kind: str, seed: int, method: str) -> list[dict]:
 
 
 def damaged(kind: str, seed: int) -> list[dict]:
-    """Both channels of a flight of fuzz_flights.py with one kind of damage."""
-    found = judged(seed, [kind])
+    """Both channels of a flight of fuzz_flights.py with one kind of damage, or up to three of a list."""
+    found = judged(seed, DAMAGED[kind])
     both = [found[channel] for channel in CHANNELS]
     return [
         {"ratio": one["ours"] / one["reading"] if one.get("reading") else None, "covered": one.get("covered"),

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
-from shockrig.analysis.flight.stretches import scatter, stuck_rows
+from shockrig.analysis.flight.stretches import WINDOW_ROWS, scatter, stuck_rows
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.ranges import RANGES
 
@@ -25,15 +25,11 @@ Mask = NDArray[np.bool_]
 
 CUT = 8.0  # times what a column usually goes, that it jumps by between two pieces
 LEVEL_ROWS = 3  # at either end of a piece: single readings may be noise
-NOISE_ROWS = 15
-LONGEST_GAP = 5.0  # within a piece, times the rows from one reading to the next around
-STUCK_SHARE = 0.9  # of a piece's readings, in one that says nothing of its quantity
 CHANGE = 7.0  # nats against columns that change place, or unit
 NOTHING = 16.0  # nats against a column that holds neither quantity from a jump on: a code, a burst
 # nats against all of a log being so, and against a part of it by its share
 ALL_NOTHING, ALL_WARM, ALL_ODD = 20.0, 24.0, 6.0  # odd: exchanged, or in degF
 WARM_C = 35.0  # few airs are flown in that are warmer
-LEAST_GONE = 1e-3  # K or %RH: of a column that stands
 AIR_C = RANGES["temperature_c"]
 SURE = 0.8  # probability of what is done with a row
 CHAINS = 32  # that are followed at once: twice as many change nothing, half as many do
@@ -92,7 +88,7 @@ class _Usual:
         for on in 2 ** np.arange(int(np.log2(rows.size))):
             self.lags.append(float(np.median(rows[on:] - rows[:-on])))
             usual.append(MAD_TO_SIGMA * float(np.median(np.abs(values[rows[on:]] - values[rows[:-on]]))))
-        self.usual = np.maximum.accumulate(np.maximum(usual, max(resolution, LEAST_GONE)))
+        self.usual = np.maximum.accumulate(np.maximum(usual, resolution or np.finfo(float).eps))
 
     def __call__(self, rows: Rows) -> Array:
         return np.interp(rows, self.lags, self.usual)
@@ -101,7 +97,7 @@ class _Usual:
 @dataclass(frozen=True)
 class ColumnsHold:
     """Rows (n,) in which columns are `exchanged`, and rows of which that is `unsure`; and rows (2, n) in which
-    temperature and humidity, wherever they stand, are in `degf`: parts of the log of which both ends are told."""
+    temperature and humidity, wherever they stand, are surely in `degf`."""
 
     exchanged: Mask
     unsure: Mask
@@ -116,7 +112,7 @@ def held(columns: Array, resolutions: Sequence[float]) -> ColumnsHold:
     # of what either can be
     columns = np.where((columns >= AIR_C.low) & (columns <= 1.8 * AIR_C.high + 32.0), columns, np.nan)
     known = np.isfinite(columns)
-    if np.count_nonzero(known, axis=1).min() < 2 * NOISE_ROWS:
+    if np.count_nonzero(known, axis=1).min() < 2 * WINDOW_ROWS:
         return as_it_is
     usual = [_Usual(values, resolution) for values, resolution in zip(columns, resolutions, strict=True)]
     stuck = [_stuck(values, resolution) for values, resolution in zip(columns, resolutions, strict=True)]
@@ -130,20 +126,7 @@ def held(columns: Array, resolutions: Sequence[float]) -> ColumnsHold:
     # where they are as near as that, either will do
     alike = np.abs(columns[1] - columns[0]) < CUT * max(one.usual[0] for one in usual)
     unsure = (np.abs(share - 0.5) < SURE - 0.5) & read & ~alike
-    there = np.where(share > 0.5, known[::-1], known)
-    told = [_told_to_its_ends(one, some) for one, some in zip(in_degf, there, strict=True)]
-    return ColumnsHold(share > 0.5, unsure, np.stack(told))
-
-
-def _told_to_its_ends(share: Array, read: Mask) -> Mask:
-    """Rows (n,) of stretches that are surely what they have such a `share` (n,) of the probability to be, wherever they
-    were `read` (n,)."""
-    told = share > 1.0 - SURE
-    sure = (share > SURE) | ~read
-    edges = np.flatnonzero(np.diff(told, prepend=False, append=False)).reshape(-1, 2)
-    for first, behind in edges[[not sure[first:behind].all() for first, behind in edges]]:
-        told[first:behind] = False
-    return np.asarray(told)
+    return ColumnsHold(share > 0.5, unsure, in_degf > SURE)
 
 
 def _stuck(values: Array, resolution: float) -> Mask:
@@ -156,16 +139,15 @@ def _stuck(values: Array, resolution: float) -> Mask:
 
 
 def _pieces(columns: Array, usual: list[_Usual], stuck: Mask) -> _Pieces:
-    """The pieces between jumps and gaps of either column (2, n), and where the columns meet."""
+    """The pieces between jumps of either column (2, n), and where the columns meet."""
     size = columns.shape[1]
     known = [np.flatnonzero(np.isfinite(values)) for values in columns]
     noises, jumps, cuts = [], [], [np.zeros(1, dtype=np.int64)]
     for values, rows, most in zip(columns, known, usual, strict=True):
         step, lag = np.abs(np.diff(values[rows], prepend=values[rows[0]])), np.diff(rows, prepend=rows[0])
-        noises.append(MAD_TO_SIGMA * median_filter(step, NOISE_ROWS, mode="nearest"))
+        noises.append(MAD_TO_SIGMA * median_filter(step, WINDOW_ROWS, mode="nearest"))
         jumps.append(rows[step > CUT * np.maximum(most(lag), noises[-1])])
-        behind = np.flatnonzero(lag > LONGEST_GAP * median_filter(lag, NOISE_ROWS, mode="nearest"))
-        cuts += [jumps[-1], rows[:1], rows[behind], rows[behind - 1] + 1, rows[-1:] + 1]
+        cuts += [jumps[-1], rows[:1], rows[-1:] + 1]
     # where they are as near as that, they may change place without a jump
     rows = np.intersect1d(known[0], known[1])
     apart = np.abs(columns[0, rows] - columns[1, rows])
@@ -189,7 +171,7 @@ def _pieces(columns: Array, usual: list[_Usual], stuck: Mask) -> _Pieces:
             at[end, q], noise[end, q] = rows[some[:, 0]], noises[q][some[:, 0]]
     warm, dead = (np.add.reduceat(one, row, axis=1, dtype=np.int64) for one in (columns > WARM_C, stuck))
     begins = np.stack([np.isin(row, one) for one in jumps])
-    return _Pieces(row, count, warm, begins, (count > 0) & (dead > STUCK_SHARE * count), level, at, noise)
+    return _Pieces(row, count, warm, begins, (count > 0) & (dead == count), level, at, noise)
 
 
 def _changes() -> Array:

@@ -51,6 +51,7 @@ from shockrig.analysis.flight.undo_readout import (
     undone,
     unseen,
 )
+from shockrig.analysis.flight.unread import where_felt
 from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S, REFERENCE_C, Stream
 from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA
 from shockrig.files.errors import InputError
@@ -272,6 +273,7 @@ def _temperature(
         readings = replace(every, reading=plain.reading - jumped, stepped=stepped)
         found = solve(readings, cutoff_hz)
         more = with_own_steps(screened, found, plain.gain)
+    found = where_felt(readings, felt, found, lambda rest: solve(rest, cutoff_hz))
     everywhere = np.ones(raw.size)
     outside = unseen(part.discovered, stream.airflow_m_s, raw)
     channel = judged(readings, found, plain, screened, outside, raw - jumped, everywhere, notes)

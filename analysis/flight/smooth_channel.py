@@ -464,7 +464,8 @@ class Estimate:
     `resolved_rate`: angular frequency [1/s] above which the air is not resolved; `amplified`: variance of the reading's
     noise in an inverse's air; `jumps_s`: times at which the air jumped, where the method looks for them, and `breaks`
     (b, 2) at which it or its slope did or seems to have, with the sigmas of a jump; `own_steps`: by how much the sensor
-    itself reads more from a row on than before it, where the method looks for that.
+    itself reads more from a row on than before it, where the method looks for that; `cost`: minus the log-likelihood of
+    the readings, without its constant, of a method that has one.
     """
 
     air: Array
@@ -477,6 +478,7 @@ class Estimate:
     jumps_s: Array = field(default_factory=lambda: np.zeros(0))
     breaks: Array = field(default_factory=lambda: np.zeros((0, 2)))
     own_steps: Array = field(default_factory=lambda: np.zeros(0))
+    cost: float = np.nan
 
 
 def estimate(
@@ -553,6 +555,7 @@ def estimate(
         jumps_s=when(track, jumps),
         breaks=broken,
         own_steps=own_steps,
+        cost=float(found.cost.sum()),
     )
 
 

@@ -1,8 +1,9 @@
-"""What the vapour did while the film was not read: it went with the temperature as it does in the rest of the flight.
+"""What the air did while one sensor was not read, told by the other.
 
-In plumes and across gusts vapour and temperature go together, and a film that is stuck, or in a gap, leaves the
-temperature as the only witness. How many units of vapour go with a kelvin is what the film's readings say of it, lagged
-as the film lags, in each tenth of the flight by itself: one front does not speak for all of it.
+Vapour went with the temperature as it does in the rest of the flight, the temperature as the film felt it at once. In
+plumes and across gusts the two go together, and a film that is stuck, or in a gap, leaves the temperature as the only
+witness. How many units of vapour go with a kelvin is what the film's readings say of it, lagged as the film lags, in
+each tenth of the flight by itself: one front does not speak for all of it.
 """
 
 from __future__ import annotations
@@ -12,10 +13,12 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
 from shockrig.analysis.flight.flight_channel import LONGEST_FILL_S, FlightReadings
 from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
+from shockrig.analysis.flight.stretches import WINDOW_ROWS, Felt
 from shockrig.analysis.flight.sweep import lags_behind
 
 Array = NDArray[np.float64]
@@ -51,6 +54,47 @@ def where_unread(
         air=np.where(rows, rest.air + slope * air_c, found.air),
         clean=np.where(rows, clean, found.clean),
         variance=np.where(rows, rest.variance + (error * moved) ** 2, found.variance),
+    )
+
+
+def where_felt(
+    readings: FlightReadings, felt: Felt | None, found: Estimate, solve: Callable[[FlightReadings], Estimate]
+) -> Estimate:
+    """The estimate, in stretches far from any reading along what another sensor `felt` of the same air there, if that
+    explains the readings better.
+
+    What the air did from one end of a stretch to the other is b times what was felt, beside what it does anyhow
+    (`found`, with its variance). Before that is looked at b is about 1 to either side, as of a film whose vapour stays.
+    """
+    rows = far(readings)
+    known = np.zeros(0) if felt is None else np.flatnonzero(np.isfinite(felt.reading))
+    if felt is None or known.size < WINDOW_ROWS or not rows.any() or np.isnan(found.cost):
+        return found
+    calm = median_filter(felt.reading[known], WINDOW_ROWS, mode="nearest")
+    seen = np.interp(np.arange(rows.size), known, calm)
+    along, unsure, chance = np.zeros(rows.size), np.zeros(rows.size), 0.0
+    rows[: np.argmin(rows)] = rows[rows.size - np.argmin(rows[::-1]) :] = False  # of these one end is known
+    for first, behind in np.flatnonzero(np.diff(rows, prepend=False, append=False)).reshape(-1, 2).tolist():
+        went, air = seen[first - 1 : behind + 1] - seen[first - 1], found.air[behind] - found.air[first - 1]
+        anyhow = float(np.max(found.variance[first:behind]))
+        total = went[-1] ** 2 + anyhow
+        share = air * went[-1] / total
+        along[first:behind] += share * went[1:-1]
+        along[behind:] += share * went[-1]
+        unsure[first:behind] = anyhow / total * (went - np.linspace(0.0, went[-1], went.size))[1:-1] ** 2
+        chance += 0.5 * (share**2 + np.log(total / anyhow))
+    if not along.any():
+        return found
+    lags, _ = lags_behind(along, readings.response, typical_period(readings.time_s))
+    lagged = (lags * readings.response.weight).sum(axis=1)
+    rest = solve(replace(readings, reading=readings.reading - lagged))
+    if rest.cost + chance > found.cost:
+        return found
+    return replace(
+        found,
+        air=np.where(rows, rest.air + along, found.air),
+        clean=np.where(rows, rest.clean + lagged, found.clean),
+        variance=np.where(rows, rest.variance + unsure, found.variance),
     )
 
 

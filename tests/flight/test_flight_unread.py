@@ -1,4 +1,5 @@
-"""What is given where a film was not read: vapour goes with the temperature as in the rest of the flight."""
+"""What is given where one sensor was not read: vapour goes with the temperature as in the rest of the flight, and the
+temperature along what the film felt, where that explains its readings better."""
 
 import numpy as np
 import pytest
@@ -58,3 +59,21 @@ def test_a_film_that_is_stuck_in_plumes_is_told_by_the_temperature(seed):
     assert np.sqrt(np.mean(off[stuck] ** 2)) < 0.4 * np.sqrt(np.mean((humidity - truth)[stuck] ** 2))
     (note,) = done.notes
     assert "where the reading stands" in note and "by the temperature" in note
+
+
+@pytest.mark.parametrize("seed", [3, 8, 10])
+def test_a_temperature_that_is_stuck_up_to_a_front_is_told_by_the_film(seed):
+    """From 25 s before a front to 6 s behind it. Before: a line from end to end, less right than what stood there."""
+    kinds, worlds, harm = (benchmark(name) for name in ("flight_kinds", "flight_worlds", "flight_harm"))
+    world = kinds.front(np.random.default_rng(seed))
+    flown = worlds.fly(world, seed)
+    log, truth = flown.log, flown.truth["temperature_c"]
+    front = int(np.argmax(np.abs(truth[50:] - truth[:-50]))) + 25
+    stuck = slice(front - 250, front + 60)
+    temperature, nothing = log["temperature_c"].copy(), np.full(COUNT, np.nan)
+    temperature[stuck] = temperature[stuck.start]
+    flight = Flight(log["time_s"], temperature, log["humidity_percent"], nothing, nothing, nothing, log["altitude_m"])
+    done = correct(flight, harm.profile_of(world))
+    off = (done.temperature_c - truth)[stuck]
+    assert np.sqrt(np.mean(off**2)) < 0.15 * np.sqrt(np.mean((temperature - truth)[stuck] ** 2))
+    assert np.mean(np.abs(off) <= 1.96 * done.temperature_uncertainty_k[stuck]) > 0.9
