@@ -457,7 +457,9 @@ def _owned(flight: Flight, bead: FlightChannel, channel: FlightChannel, notes: l
     """The channel with uncertainties as wide as ascent and descent disagree, and what may be the cause in `notes`."""
     found = causes(flight, bead, channel)
     shapes = _shapes(channel)
-    stated = np.where(np.isfinite(channel.value), channel.total_uncertainty, np.nan) ** 2
+    # that the air may be as it was before is no reason for the two ways to differ: they would tell
+    known = channel.total_uncertainty**2 - (0.0 if channel.as_before is None else channel.as_before**2)
+    stated = np.where(np.isfinite(channel.value), np.maximum(known, 0.0), np.nan)
     air_c = None if channel.name == bead.name else _warmth(flight, bead)
     less = _layered(flight, (channel.value, *(cause.moves for cause in found)), air_c=air_c)
     plus = _layered(flight, (stated, *(shape**2 for shape in shapes)), 1.0)

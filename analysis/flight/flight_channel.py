@@ -157,6 +157,8 @@ class FlightChannel:
         What the carrier adds to the air around the sensor, and is in `value`.
     changed : Changed or None
         How the sensor itself did.
+    as_before : ndarray (n,) or None
+        What `uncertainty` has in it of air that may be as it was before the readings went where no other sensor did.
     """
 
     name: str
@@ -175,6 +177,7 @@ class FlightChannel:
     temperature_alone: Array | None = None
     carried: Carried | None = None
     changed: Changed | None = None
+    as_before: Array | None = None
 
     @property
     def total_uncertainty(self) -> Array:
@@ -472,7 +475,8 @@ def held(
     anywhere = np.where(capped, np.abs(value - raw) / np.sqrt(3.0), 0.0)
     unsure = np.hypot(np.hypot(np.where(capped, sigma, channel.uncertainty), anywhere), left_open)
     beyond = np.where(capped, 0.0, _beyond_both_sides(channel, readings, unit))
-    channel = replace(channel, uncertainty=np.hypot(channel.uncertainty, np.hypot(beyond, as_before)))
+    wider = np.hypot(channel.uncertainty, np.hypot(beyond, as_before))
+    channel = replace(channel, uncertainty=wider, as_before=as_before)
     channel = _nearer(channel, readings, unit, np.hypot(unsure, beyond))
     as_read = own_way & np.isfinite(own) & ~(channel.raw | capped)
     return replace(channel, value=np.where(as_read, own, channel.value))

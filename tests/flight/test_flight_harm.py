@@ -658,6 +658,12 @@ def test_a_jump_of_vapour_that_the_temperature_does_not_show_may_be_the_film_its
     assert harm.score("door, vapour too", 3780, False)[1]["stated"] < 0.2
 
 
+def test_a_break_that_nothing_else_shows_hides_no_disagreement_of_the_two_ways():
+    """Hysteresis. Before: 49 and 29 % covered, the rest of the flight being as unsure as the break is large."""
+    harm = benchmark("flight_harm")
+    assert all(harm.score("hysteresis", seed, False)[1]["covered"] > 0.9 for seed in (3608, 3931))
+
+
 def test_what_comes_on_and_goes_off_is_one_cause_with_its_nearest_end():
     odd = np.zeros(300)
     odd[[20, 100, 102, 130, 200, 230]] = 1.0, -1.0, -1.0, 1.0, -1.0, 1.0
