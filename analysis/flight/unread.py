@@ -60,13 +60,13 @@ def where_unread(
 def where_felt(
     readings: FlightReadings, felt: Felt | None, found: Estimate, solve: Callable[[FlightReadings], Estimate]
 ) -> Estimate:
-    """The estimate, in stretches far from any reading along what another sensor `felt` of the same air there, if that
-    explains the readings better.
+    """The estimate, in stretches far from any reading, or any but noise, along what another sensor `felt` of the same
+    air there, if that explains the readings better.
 
     What the air did from one end of a stretch to the other is b times what was felt, beside what it does anyhow
     (`found`, with its variance). Before that is looked at b is about 1 to either side, as of a film whose vapour stays.
     """
-    rows = far(readings)
+    rows = far(readings if readings.loud is None else replace(readings, usable=readings.usable & ~readings.loud))
     known = np.zeros(0) if felt is None else np.flatnonzero(np.isfinite(felt.reading))
     if felt is None or known.size < WINDOW_ROWS or not rows.any() or np.isnan(found.cost):
         return found
@@ -81,7 +81,9 @@ def where_felt(
         share = air * went[-1] / total
         along[first:behind] += share * went[1:-1]
         along[behind:] += share * went[-1]
-        unsure[first:behind] = anyhow / total * (went - np.linspace(0.0, went[-1], went.size))[1:-1] ** 2
+        # of what was felt a part is the vapour's, which comes later
+        open_to = anyhow / total + (share * (1.0 - share)) ** 2 / 3.0
+        unsure[first:behind] = open_to * (went - np.linspace(0.0, went[-1], went.size))[1:-1] ** 2
         chance += 0.5 * (share**2 + np.log(total / anyhow))
     if not along.any():
         return found
