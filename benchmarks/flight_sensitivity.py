@@ -42,6 +42,7 @@ SMOOTHER = (
     "stretches.LEAST_TURNED",
     "stretches.FELT_SHARE", "sweep.GAP_NODES", "screen.FELT_SIGMAS", "screen.ON_THE_WAY",
     "swings.FEWEST_SWINGS", "swings.SHORTEST_S", "swings.OUT_OF_BINS", "swings.LINE_BINS", "swings.TOLD_LOG_ODDS",
+    "swings.MEANS_IN_SWING",
     "stretches.LEFT_SHARE", "unread.SLOPE_BLOCKS", "unread.FEWEST_BLOCKS", "unread.MOVED_SIGMAS", "unread.SURE_SIGMAS",
 )  # fmt: skip
 CAUSAL = (

@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
+from scipy.special import ndtr
 
 from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
 from shockrig.analysis.flight.unread import OF_MEDIAN
@@ -20,6 +21,7 @@ from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 Array = NDArray[np.float64]
 FEWEST_SWINGS = 6
 SHORTEST_S = 4.0  # of a swing
+MEANS_IN_SWING = 8  # at least: its course is told by so many means of rows
 OUT_OF_BINS = 12  # to either side, that say what the spectrum is beside a line
 LINE_BINS = 3  # that a line takes of them
 TOLD_LOG_ODDS = 3.0  # one in twenty
@@ -36,11 +38,16 @@ def swings(humidity: Array, temperature_c: Array, period_s: float) -> Array:
         Between rows.
 
     """
-    log_saturation = _beside_a_line(np.log(saturation_pressure_hpa(temperature_c)))
-    both = np.stack([log_saturation, _beside_a_line(np.log(humidity))])
-    own = np.zeros(temperature_c.shape)
+    rows = max(int(SHORTEST_S / MEANS_IN_SWING / period_s), 1)
+    count = temperature_c.size // rows
+    if count < FEWEST_SWINGS:
+        return np.zeros(temperature_c.shape)
+    logarithms = np.stack([np.log(saturation_pressure_hpa(temperature_c)), np.log(humidity)])
+    means = np.stack([_beside_a_line(one.reshape(count, rows).mean(axis=1)) for one in logarithms[:, : count * rows]])
+    both = np.fft.fft(means, 2 * count)  # beyond the ends there is nothing
+    own = np.zeros(count)
     told: list[float] = []
-    for line in _lines(log_saturation, period_s):
+    for line in _lines(means[0], rows * period_s):
         swing, odds = _apart(both, line)
         if odds < TOLD_LOG_ODDS:
             continue
@@ -54,7 +61,7 @@ def swings(humidity: Array, temperature_c: Array, period_s: float) -> Array:
                 told.append(at)
                 own += swing
     per_k = np.log(saturation_pressure_hpa(temperature_c + 0.5) / saturation_pressure_hpa(temperature_c - 0.5))
-    own = own / per_k
+    own = np.interp(np.arange(temperature_c.size), (np.arange(count) + 0.5) * rows - 0.5, own) / per_k
     return np.asarray(own - own.min())
 
 
@@ -82,17 +89,14 @@ def _lines(values: Array, period_s: float) -> list[float]:
     return list(((found + (size[:, 2] - size[:, 0]) / size.sum(axis=1)) / values.size).tolist())
 
 
-def _apart(both: Array, line: float) -> tuple[Array, float]:
-    """What of the first of two series (2, n) swings with a frequency, and the log-odds that the second follows none of
-    it."""
-    count, width = both.shape[1], 1.0 / line
-
-    def around(values: Array, frequency: float) -> NDArray[np.complex128]:
-        """What turns with a frequency, as a mean under a bell as wide as a swing; beyond the ends there is nothing."""
-        bell = np.exp(-2.0 * (np.pi * width * (np.fft.fftfreq(2 * count) - frequency)) ** 2)
-        return np.asarray(np.fft.ifft(np.fft.fft(values, 2 * count) * bell)[..., :count])
-
-    moved, shown = around(both, line) / around(np.ones(count), 0.0).real
+def _apart(both: NDArray[np.complex128], line: float) -> tuple[Array, float]:
+    """What of the first of two series (n,) swings with a frequency, and the log-odds that the second follows none of
+    it; `both` (2, 2 n) are their Fourier transforms, with as much of nothing behind them."""
+    count, width = both.shape[1] // 2, 1.0 / line
+    # what turns with that frequency, as a mean under a bell as wide as a swing, as far as there is something under it
+    bell = np.exp(-2.0 * (np.pi * width * (np.fft.fftfreq(2 * count) - line)) ** 2)
+    there = np.diff(ndtr((np.array([[-0.5], [count - 0.5]]) - np.arange(count)) / width), axis=0)
+    moved, shown = np.fft.ifft(both * bell)[:, :count] / there
     size = np.maximum(np.abs(moved), np.finfo(float).tiny)
     ratio = shown * np.conj(moved) / size**2
     # medians: where a layer is passed both say something else for a while
