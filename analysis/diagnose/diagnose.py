@@ -53,7 +53,7 @@ from shockrig.files.numbers import counted
 
 Array = NDArray[np.float64]
 
-MOST_PREDICTING = 12  # models that may predict: the heaviest
+MOST_PREDICTING = 12  # models that are tried at one rate for all runs
 AS_GOOD = 1.0  # nats of the criterion by which models predict alike
 LEAST_TRIED = 0.01  # weight of a model that is not stated, from which on its effect is said to have been tried
 LEAST_SQUARE = 1e-30  # of a mean square, whose logarithm is taken
@@ -289,18 +289,20 @@ def _final(problem: Problem, model: Rated, than_runs: bool) -> Fit:
 
 
 def _predicting(ready: Prepared, found: Search, stands: Predicting, shown: tuple[Discovered, ...]) -> Predicting:
-    """The model that predicts best: of the heaviest, the stated and the plain one, each as it was fitted and with rates
-    alike, that which leaves least of its runs at the rate that they have in common, for what it takes.
+    """The model that predicts best: of those that leave least of their runs for what they take, the stated and the
+    plain one, each as it was fitted and with rates alike, that which does at the rate that its runs have in common.
 
     A name has to be sure, a prediction only good: models whose effects say nothing may predict as well. And no name
     asks what a run would do that nobody has seen: it has none of the rates that runs have of their own.
     """
-    problem, heaviest = ready.problem, [one for one, _ in found.predictors[:MOST_PREDICTING]]
-    models = {id(one): one for one in (found.best, *heaviest, found.plain)}.values()
+    problem, channel = ready.problem, ready.problem.channel
+    first = sorted(found.predictors, key=lambda one: _criterion(channel, one[0].fit, _left(channel, one[0].fit)))
+    among = {id(one) for one, _ in first[:MOST_PREDICTING]} | {id(found.plain)}
+    models = [found.best, *(one for one, _ in found.predictors if id(one) in among - {id(found.best)})]
     alike = ((one, with_rates_alike(problem, one.fit)) for one in models)
     tried = [*((one, one.fit) for one in models), *((one, fit) for one, fit in alike if fit is not None)]
-    left = [run_errors(problem.channel, problem, fit if one.ids else plainly(fit)).mean() for one, fit in tried]
-    losses = np.array([_criterion(problem.channel, fit, square) for (_, fit), square in zip(tried, left, strict=True)])
+    left = [run_errors(channel, problem, fit if one.ids else plainly(fit)).mean() for one, fit in tried]
+    losses = np.array([_criterion(channel, fit, square) for (_, fit), square in zip(tried, left, strict=True)])
     best = int(np.argmax(losses <= losses.min() + AS_GOOD))  # where runs cannot tell, the stated one, then the heavier
     model, fit = tried[best]
     if fit is found.best.fit:
@@ -313,6 +315,12 @@ def _predicting(ready: Prepared, found: Search, stands: Predicting, shown: tuple
         (*stated(problem, stated_so, final), *shown),
         (float(np.sqrt(left[0])), float(np.sqrt(left[best]))),
     )
+
+
+def _left(channel: Channel, found: Fit) -> float:
+    """Mean square of what a fit leaves of its runs, each at its own rate [unit^2]."""
+    squares = (channel.count * found.residual**2).sum(axis=1)
+    return float((squares / np.maximum(channel.count.sum(axis=1), 1)).mean())
 
 
 def _criterion(channel: Channel, found: Fit, square: float) -> float:
