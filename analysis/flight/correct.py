@@ -273,7 +273,13 @@ def _temperature(
         readings = replace(every, reading=plain.reading - jumped, stepped=stepped)
         found = solve(readings, cutoff_hz)
         more = with_own_steps(screened, found, plain.gain)
-    found = where_felt(readings, felt, found, lambda rest: solve(rest, cutoff_hz))
+    along = where_felt(readings, felt, found, lambda rest: solve(rest, cutoff_hz))
+    if along is not found:
+        found = along
+        notes.append(
+            "temperature: where it was not read, or in noise, for long, it goes along what the humidity shows of it at "
+            "once, which explains its readings better than a line between them"
+        )
     everywhere = np.ones(raw.size)
     outside = unseen(part.discovered, stream.airflow_m_s, raw)
     channel = judged(readings, found, plain, screened, outside, raw - jumped, everywhere, notes)
