@@ -105,6 +105,7 @@ def lines(decision: Decision, document: Mapping[str, Any]) -> list[str]:
         shock = choice.shock
         brings = [f"{choice.goals:.2f} of a goal"] if choice.goals > 0.005 else []
         brings += [f"ln E {choice.evidence:.1f} between what is tied"] if choice.evidence > 0.05 else []
+        brings += [f"ln E {choice.beside:.1f} more with a second probe beside it"] if choice.beside > 0.05 else []
         said.append(
             f"  {in_words(shock)}: {shock.why}; about {choice.minutes:.1f} min"
             + (f", brings {' and '.join(brings)}" if brings else "")

@@ -39,6 +39,8 @@ class Choice:
         That it adds on the rates that goals want [nats].
     evidence : float
         Expected ln E against the explanation that it speaks against most, whichever of those tied is the true one.
+    beside : float
+        What a second probe, recorded beside a single one, is expected to add to `evidence`.
     """
 
     shock: PlannedShock
@@ -47,6 +49,7 @@ class Choice:
     goals: float = UNTOLD
     information: float = UNTOLD
     evidence: float = UNTOLD
+    beside: float = 0.0
 
     @property
     def per_minute(self) -> float:

@@ -7,7 +7,7 @@ worth of a run = sum over goals of the share of what is wanted that it adds (var
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -38,6 +38,7 @@ from shockrig.analysis.plan.decision import (
     missing,
 )
 from shockrig.analysis.plan.designs import Designs, menu_of
+from shockrig.analysis.plan.evidence import averaged, of_second_probe
 from shockrig.analysis.plan.goals import QUANTITY_OF, Goals, Place, places
 from shockrig.analysis.plan.judged import ChannelLook, Verdict, diagnosed, look_at
 from shockrig.analysis.plan.minutes import learn, spent_minutes
@@ -153,6 +154,7 @@ def decide(
         considered = tuple(chosen)
     else:
         chosen, considered = choose_runs(designs, minutes, () if campaign is None else campaign.runs, count)
+        chosen = _with_second_probe(looks.values(), chosen) if len(campaigns) == 1 else chosen
     left = any(v.left for v in verdicts.values()) and not any(v.describes for v in verdicts.values())
     if goals.ties and campaign and left and chased < MOST_UNEXPLAINED and not first:
         chosen, chased = chase(designs, campaign.runs, minutes)[:count], chased + 1
@@ -164,6 +166,18 @@ def decide(
         return replace(state, status=INCONCLUSIVE, reason=f"{enough}; {missing(state)}", considered=considered)
     reason, choices = missing(state), tuple(chosen)
     return replace(state, status=CONTINUE, reason=reason, choices=choices, considered=considered, chased=chased)
+
+
+def _with_second_probe(looks: Iterable[ChannelLook], chosen: Sequence[Choice]) -> list[Choice]:
+    """Runs with what a second probe, recorded beside a single one, is expected to bring."""
+    shocks = [choice.shock for choice in chosen]
+    more = np.zeros(len(shocks))
+    for look in looks:
+        dispute = look.verdict.dispute
+        if look.problem is not None and look.noise is not None and dispute is not None and look.rivals and shocks:
+            told = of_second_probe(look.problem, look.noise, look.rivals, dispute, shocks)
+            more = np.maximum(more, averaged(told, dispute))
+    return [replace(choice, beside=float(x)) for choice, x in zip(chosen, more, strict=True)]
 
 
 def _within(

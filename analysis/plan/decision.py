@@ -167,6 +167,7 @@ def _run(choice: Choice) -> dict[str, Any]:
         **choice.shock.as_run(),
         "expected_minutes": measured(choice.minutes),
         "expected_evidence": measured(choice.evidence),
+        "expected_evidence_of_second_probe": measured(choice.beside),
         "expected_information": measured(choice.information),
         "expected_progress": measured(choice.goals),
         "expected_worth": measured(choice.worth),

@@ -25,7 +25,7 @@ from shockrig.analysis.diagnose.shock import (
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName
 from shockrig.analysis.fleet.fleet_prior import WithFleet
 from shockrig.analysis.fleet.statistics import LEAST_VARIANCE, film
-from shockrig.analysis.plan.evidence import REJECTED_FROM, expected
+from shockrig.analysis.plan.evidence import REJECTED_FROM, averaged, expected
 from shockrig.analysis.plan.goals import Goals, Place
 from shockrig.analysis.plan.information import Information, information, rates_at
 from shockrig.analysis.plan.judged import ChannelLook
@@ -142,12 +142,11 @@ class Designs:
             dispute = look.verdict.dispute
             if look.problem is None or look.noise is None or dispute is None or not look.rivals:
                 continue
-            told, so_far = expected(look.problem, look.noise, look.rivals, dispute, shocks), np.array(dispute.so_far)
-            likely = np.exp(so_far.min() - so_far)
-            evidence = np.maximum(evidence, likely @ told.max(axis=1) / likely.sum())
-            for i, j in permutations(range(so_far.size), 2):
+            told = expected(look.problem, look.noise, look.rivals, dispute, shocks)
+            evidence = np.maximum(evidence, averaged(told.max(axis=1), dispute))
+            for i, j in permutations(range(len(told)), 2):
                 pairs.append(np.maximum(told[i, j], 0.0))
-                needed.append(REJECTED_FROM - float(np.clip(so_far[j], 0.0, MOST_TOLD)))
+                needed.append(REJECTED_FROM - float(np.clip(dispute.so_far[j], 0.0, MOST_TOLD)))
         varied = partial(variety, looks if goals.ties else {}, shocks)
         told_apart = np.array(pairs).reshape(len(pairs), len(shocks))
         return cls(shocks, anchor, tuple(precise), told_apart, np.array(needed), evidence, varied)

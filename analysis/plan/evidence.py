@@ -168,6 +168,50 @@ def expected(
     return found * rates_known(channel, shocks)
 
 
+def of_second_probe(
+    problem: Problem, noise: Noise, fits: Sequence[Fit], dispute: Dispute, shocks: Sequence[PlannedShock]
+) -> Array:
+    """ln E (K, M) that a second probe of the type, recorded beside the first in each run, adds to that, were
+    explanation i true, against the one that it hurts most.
+
+    It shows what the air does as the first one does, and none of the faults that are the first one's own. Its rate is
+    its own, and so are its runs' random effects: what it says of a start that both share is not counted.
+    """
+    channel, degrees = problem.channel, dispute.degrees(problem.channel.rates)
+    common = frozenset.intersection(*(frozenset(one.structure.ids) for one in fits))
+    found = np.zeros((len(fits), len(fits), len(shocks)))
+    for i, true in enumerate(fits):
+        new = imagined(true.on_its_scatters(problem), noise, shocks, channel.ambients_c)
+        structure, places, _ = _as_of_second(true, common)
+        truth, _ = linearise(new, structure, Point(true.theta[places], new.channel.at_rest()))
+        for j, rival in ((j, one) for j, one in enumerate(fits) if j != i):
+            structure, places, known = _as_of_second(rival, common)
+            twice, _ = apart(new, truth, structure, rival.theta[places], known)
+            found[i, j] = [student(0.5 * float(x), degrees) for x in twice]
+    return np.asarray(found.max(axis=1) * rates_known(channel, shocks))
+
+
+def _as_of_second(found: Fit, common: frozenset[str]) -> tuple[Structure, list[int], Array]:
+    """An explanation of one probe's runs as a second probe's: effects of the surroundings, those that no rival denies;
+    where its theta stands in the first one's, and what that one's runs say of the effects (a precision)."""
+    model = found.model
+    kept = found.structure.keeping(common | {e.id for e in found.structure.effects if e.of_surroundings})
+    effects = [model.place(name) for name in kept.names]
+    rates = range(model.channel.rates)
+    places = [*rates, *effects, *range(model.size - len(model.shared), model.size)]
+    known = np.zeros((len(places), len(places)))
+    here = slice(len(rates), len(rates) + len(effects))
+    known[here, here] = np.linalg.pinv(found.covariance[np.ix_(effects, effects)], hermitian=True)
+    return kept, places, known
+
+
+def averaged(told: Array, dispute: Dispute) -> Array:
+    """Mean (M,) over which explanation is true (K, M), each as likely as the evidence so far leaves it."""
+    so_far = np.array(dispute.so_far)
+    likely = np.exp(so_far.min() - so_far)
+    return np.asarray(likely @ told / likely.sum())
+
+
 def _allowed(added: Array, old: Array, free: int) -> float:
     """What a rival of so many parameters may gain by the old runs, less what the bound takes off for it."""
     scale = np.sqrt(np.maximum(np.diag(old), 1e-12))

@@ -35,7 +35,15 @@ from shockrig.analysis.plan.decision import (
     remembered,
 )
 from shockrig.analysis.plan.designs import Designs
-from shockrig.analysis.plan.evidence import REJECTED_FROM, Dispute, against, expected, student
+from shockrig.analysis.plan.evidence import (
+    REJECTED_FROM,
+    Dispute,
+    against,
+    averaged,
+    expected,
+    of_second_probe,
+    student,
+)
 from shockrig.analysis.plan.goals import Goals, Precision, parse_goals
 from shockrig.analysis.plan.information import information, nats
 from shockrig.analysis.plan.judged import ChannelLook, Verdict, look_at, spending
@@ -237,6 +245,27 @@ def test_evidence_comes_from_runs_that_tell_the_explanations_apart(tmp_path):
     assert told[1] == pytest.approx(apart, rel=0.35)
     slowly, same = expected(problem, ready.noise, fits, Dispute((HEATING, OFFSET), old, (0.0, 0.0)), [slow, COOL])[0, 1]
     assert told[1] == pytest.approx(slowly, rel=0.5) and same < 2.0
+    # both are the sensor's own, of which a second one says nothing
+    nothing = of_second_probe(problem, ready.noise, fits, Dispute((HEATING, OFFSET), old, (0.0, 0.0)), [slow])
+    assert nothing == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_second_probe_tells_the_air_from_the_sensor(tmp_path):
+    """Of a chamber that recovers and a stem, about as much comes of a second probe as is expected of it."""
+    room = {"room_temperature_c": 22.0, "room_humidity_percent": 45.0}
+    relaxing = {"air_relaxation": {"fraction": 0.03, "time_constant_s": 20.0, **room}}
+    stem = {"stem_conduction": {"fraction": 0.03, "time_constant_s": 20.0}}
+    truth = replace(LIVELY, effects=(Hidden("air_relaxation", relaxing["air_relaxation"]),))
+    ready = prepare(build_channel(recorded(tmp_path, truth, [COOL, WARM] * 3).campaign(), "temperature"))
+    _, *fits = (_fitted(ready.problem, one) for one in ({}, relaxing, stem))
+    dispute = Dispute((relaxing, stem), ready.problem.channel.run_ids, (0.0, 0.0))
+    told = averaged(of_second_probe(ready.problem, ready.noise, fits, dispute, [COOL, WARM]), dispute)
+    for place, shock in enumerate((COOL, WARM)):
+        # runs of another probe in the same air, where it shows and where it is left out
+        beside = prepare(build_channel(recorded(tmp_path / f"{place}", truth, [shock] * 4).campaign(), "temperature"))
+        without, with_it = (_fitted(beside.problem, one) for one in ({}, relaxing))
+        came = student(0.5 * (without.deviance - with_it.deviance) / 4.0, dispute.degrees(ready.problem.channel.rates))
+        assert came == pytest.approx(told[place], rel=0.3) and came > 5.0
 
 
 @pytest.mark.trial
