@@ -437,7 +437,7 @@ def _alone(
         alone = alone + unseen(time_s, plain.reading, then - alone, sigma, believed, response, own_noise, shown)
     if believed.any():
         read = np.interp(time_s, time_s[believed], np.maximum(plain.reading[believed], LEAST_PERCENT))
-        alone = alone + swings(read, then - alone, typical_period(time_s))
+        alone = alone + swings(read, then - alone, believed, typical_period(time_s))
     return _earlier(time_s, alone, -plain.delay_s)
 
 

@@ -19,6 +19,7 @@ from shockrig.analysis.flight.unread import OF_MEDIAN
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 FEWEST_SWINGS = 6
 SHORTEST_S = 4.0  # of a swing
 MEANS_IN_SWING = 8  # at least: its course is told by so many means of rows
@@ -27,20 +28,23 @@ LINE_BINS = 3  # that a line takes of them
 TOLD_LOG_ODDS = 3.0  # one in twenty
 
 
-def swings(humidity: Array, temperature_c: Array, period_s: float) -> Array:
+def swings(humidity: Array, temperature_c: Array, read: Mask, period_s: float) -> Array:
     """How far (n,) the temperature is moved by swings of its own, in K above where they leave it lowest.
 
     Parameters
     ----------
     humidity, temperature_c : ndarray (n,)
         Readings of the film [%RH], none of them 0, and the corrected temperature of the air.
+    read : ndarray of bool (n,)
+        Rows in which the film was read: what is put between others follows nothing.
     period_s : float
         Between rows.
 
     """
     rows = max(int(SHORTEST_S / MEANS_IN_SWING / period_s), 1)
     count = temperature_c.size // rows
-    if count < FEWEST_SWINGS:
+    shown = np.asarray(read[: count * rows].reshape(count, rows).any(axis=1))
+    if count < FEWEST_SWINGS or not shown.any():
         return np.zeros(temperature_c.shape)
     logarithms = np.stack([np.log(saturation_pressure_hpa(temperature_c)), np.log(humidity)])
     means = np.stack([_beside_a_line(one.reshape(count, rows).mean(axis=1)) for one in logarithms[:, : count * rows]])
@@ -48,13 +52,13 @@ def swings(humidity: Array, temperature_c: Array, period_s: float) -> Array:
     own = np.zeros(count)
     told: list[float] = []
     for line in _lines(means[0], rows * period_s):
-        swing, odds = _apart(both, line)
+        swing, odds = _apart(both, shown, line)
         if odds < TOLD_LOG_ODDS:
             continue
         # what comes once in a circle has overtones, and may be one
         parts = [(line, swing)]
         for other in (0.5 * line, 2.0 * line):
-            swing, odds = _apart(both, other)
+            swing, odds = _apart(both, shown, other)
             parts += [(other, swing)] if odds > 0.0 else []
         for at, swing in parts:
             if all(abs(at - one) * own.size > LINE_BINS for one in told):
@@ -89,21 +93,21 @@ def _lines(values: Array, period_s: float) -> list[float]:
     return list(((found + (size[:, 2] - size[:, 0]) / size.sum(axis=1)) / values.size).tolist())
 
 
-def _apart(both: NDArray[np.complex128], line: float) -> tuple[Array, float]:
+def _apart(both: NDArray[np.complex128], read: Mask, line: float) -> tuple[Array, float]:
     """What of the first of two series (n,) swings with a frequency, and the log-odds that the second follows none of
-    it; `both` (2, 2 n) are their Fourier transforms, with as much of nothing behind them."""
+    it where it was `read` (n,); `both` (2, 2 n) are their Fourier transforms, with as much of nothing behind them."""
     count, width = both.shape[1] // 2, 1.0 / line
     # what turns with that frequency, as a mean under a bell as wide as a swing, as far as there is something under it
     bell = np.exp(-2.0 * (np.pi * width * (np.fft.fftfreq(2 * count) - line)) ** 2)
     there = np.diff(ndtr((np.array([[-0.5], [count - 0.5]]) - np.arange(count)) / width), axis=0)
     moved, shown = np.fft.ifft(both * bell)[:, :count] / there
     size = np.maximum(np.abs(moved), np.finfo(float).tiny)
-    ratio = shown * np.conj(moved) / size**2
+    ratio = (shown * np.conj(moved) / size**2)[read]
     # medians: where a layer is passed both say something else for a while
     middle = complex(np.median(ratio.real), np.median(ratio.imag))
     off = np.concatenate([ratio.real - middle.real, ratio.imag - middle.imag])
     error = (OF_MEDIAN * MAD_TO_SIGMA * float(np.median(np.abs(off)))) ** 2
-    error = max(error * 2.0 * np.sqrt(np.pi) * width / count, np.finfo(float).tiny)
+    error = max(error * 2.0 * np.sqrt(np.pi) * width / ratio.size, np.finfo(float).tiny)
     wide = 1.0 + error
     odds = np.log(wide / error) - 0.5 * abs(middle) ** 2 / error + 0.5 * abs(middle + 1.0) ** 2 / wide
     steady = moved * np.minimum(np.median(size) / size, 1.0)

@@ -188,15 +188,28 @@ def test_sun_once_in_a_circle_is_the_thermometers_own_and_a_wave_is_the_airs():
     sun = 0.5 * np.maximum(np.cos(2.0 * np.pi * time_s / 17.0), 0.0)
     air = 15.0 - 0.02 * time_s
     noise = 0.05 * rng.standard_normal(2400)
-    found = swings(50.0 + noise, air + sun, 0.1)
+    read = np.ones(2400, dtype=bool)
+    found = swings(50.0 + noise, air + sun, read, 0.1)
     assert rms(found - found.mean() - sun + sun.mean()) < 0.05
     follows = 50.0 * saturation(air) / saturation(air + sun)
-    assert not swings(follows + noise, air + sun, 0.1).any()
+    assert not swings(follows + noise, air + sun, read, 0.1).any()
     # vapour that swings with the temperature hides most of it, and not its phase
     wave, late = (0.25 * np.cos(2.0 * np.pi * time_s / 17.0 + phase) for phase in (0.0, 1.0))
-    assert not swings(50.0 + late + noise, air + wave, 0.1).any()
-    assert not swings(np.full(20, 50.0), np.full(20, 15.0), 0.1).any()
-    assert not swings(np.full(2400, 50.0), np.full(2400, 15.0), 0.1).any()
+    assert not swings(50.0 + late + noise, air + wave, read, 0.1).any()
+    assert not swings(np.full(20, 50.0), np.full(20, 15.0), read[:20], 0.1).any()
+    assert not swings(np.full(2400, 50.0), np.full(2400, 15.0), read, 0.1).any()
+
+
+@pytest.mark.parametrize("gap", [slice(120, 2280), slice(0, 2400)])
+def test_a_film_that_was_hardly_read_says_nothing_of_swings(gap):
+    """What stands in the place of its readings follows no temperature."""
+    time_s, rng = np.arange(2400) * 0.1, np.random.default_rng(4)
+    air = 15.0 + 0.5 * np.sin(2.0 * np.pi * time_s / 17.0)
+    follows = 50.0 * saturation(15.0) / saturation(air) + 0.05 * rng.standard_normal(2400)
+    read = np.ones(2400, dtype=bool)
+    read[gap] = False
+    between = np.interp(time_s, time_s[read], follows[read]) if read.any() else np.full(2400, 50.0)
+    assert not swings(between, air, read, 0.1).any()
 
 
 def test_in_the_sun_once_in_a_circle_both_are_unsure_and_the_humidity_goes_without_it():
