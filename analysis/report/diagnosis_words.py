@@ -419,8 +419,9 @@ def predicting_sentence(found: ChannelDiagnosis) -> str:
         shares = {e: f" ({100 * found.search.probability(e):.0f} %)" if stated_if_sure else "" for e in ids}
         return listed([label(e) + shares[e] for e in sorted(ids)])
 
-    stated, own = (plain(error, 2) for error in found.predicting.errors)
-    why = f"At the rate that runs have in common it misses them by {own}, not {stated} {UNIT[found.name]}"
+    stated, own = found.predicting.errors
+    missed = f"misses them by {plain(own, 2)}, not {plain(stated, 2)} {UNIT[found.name]}"
+    why = f"At the rate that runs have in common it {missed}"
     if other is best:
         return f"The profile carries what is stated with the numbers of a fit that gives all runs one rate. {why}."
     more, less = other.ids - best.ids, best.ids - other.ids
