@@ -154,8 +154,13 @@ def _pieces(columns: Array, usual: list[_Usual], stuck: Mask) -> _Pieces:
     usually = max(most.usual[0] for most in usual)
     ends = np.flatnonzero(np.diff(apart < CUT * usually, prepend=False, append=False)).reshape(-1, 2)
     for near in (slice(*one) for one in ends.tolist()):
-        met = np.flatnonzero(apart[near] <= max(usually, float(apart[near].min())))
-        cuts.append(rows[near][met[[0, -1]]])
+        met = np.flatnonzero(apart[near] <= usually)
+        # or jump, each to where the other was
+        here = columns[:, rows[near]]
+        gone = (one[:, 1:] - here[:, :-1] for one in (here, here[::-1]))
+        stays, passes = (np.log(one**2 + usually**2).sum(axis=0) for one in gone)
+        jump = [int(np.argmax(stays - passes)) + 1] if (stays > passes).any() else []
+        cuts.append(rows[near][[*met[:1], *met[-1:], *jump]])
     row = np.unique(np.concatenate(cuts))
     row = row[row < size]
     count, at = np.zeros((2, row.size), dtype=np.int64), np.zeros((2, 2, row.size), dtype=np.int64)

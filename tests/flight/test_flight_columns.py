@@ -69,6 +69,16 @@ def test_a_part_in_fahrenheit_is_one_however_often_it_drops_out():
         assert not told.exchanged.any() and not told.unsure.any()
 
 
+def test_columns_that_change_place_across_few_coarse_steps_are_told():
+    """At 12 degC in degF beside 50.5 %RH each jumps by six steps, to where the other was. Before: no jump, so exchanged
+    from another row on, to the end (in a damaged log 726 values outside, and a humidity 19 times as wrong as read)."""
+    there, degf = (ROW >= 500) & (ROW < 700), (ROW >= 400) & (ROW < 690)
+    log = columns(there, np.where(degf, 53.6, 12.0), 50.5 + 0.5 * (RNG.random(ROW.size) < 0.05))
+    told = held(log, (0.5, 0.5))
+    assert np.array_equal(told.exchanged, there) and not told.unsure.any()
+    assert np.array_equal(told.degf[0], degf)
+
+
 def test_a_part_of_a_log_in_fahrenheit_is_read_as_that():
     """Before: it was left out, and the humidity there was given as it was read."""
     fuzz = benchmark("fuzz_flights")
