@@ -19,7 +19,7 @@ from scipy.special import bdtrc
 
 from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
 from shockrig.analysis.flight.columns import held
-from shockrig.analysis.flight.stretches import FELT_SHARE, Felt, judge, scatter, within
+from shockrig.analysis.flight.stretches import FARTHEST_SWINGS, FELT_SHARE, Felt, judge, scatter, within
 from shockrig.analysis.flight.sweep import COARSE_IN_NOISE
 from shockrig.files.flight import Flight
 from shockrig.files.numbers import counted
@@ -318,6 +318,8 @@ def screen(
         of_air = np.zeros(new.shape, dtype=bool)
         if felt is not None:
             of_air = _felt(reading[rows[new]], felt, rows[new], noise, resolution)
+            # nor what no air does, if both sensors are absurd at once
+            of_air &= ~_spikes(reading[rows], new, FARTHEST_SWINGS * swing * share, noise, resolution)
         lone = _lone(reading[rows[new]], lasting > 1, of_air, noise, resolution)
         spiked = _spikes(reading[rows], new, swing * share, noise, resolution)
         if lagging is not None and spiked.any():

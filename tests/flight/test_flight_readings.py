@@ -247,6 +247,18 @@ def test_a_film_in_a_burst_of_its_own_felt_nothing():
     assert np.flatnonzero(found.implausible).tolist() == [120]
 
 
+def test_readings_that_are_absurd_at_once_are_of_no_air_however_alike():
+    """61 K and back within a second, and a film that reads four times as much (in a damaged log, where the temperature
+    came out 19 times as wrong as it was read)."""
+    rng, row = np.random.default_rng(3), np.arange(480)
+    reading = np.round(22.7 + 0.02 * rng.standard_normal(480), 2)
+    humidity = 17.0 + 0.06 * rng.standard_normal(480)
+    reading[46], humidity[46] = -38.0, 66.3
+    felt = Felt(-np.log(humidity) / 0.06, 0.06, 0.006)
+    found = screen(0.5 * row, reading, RANGES["temperature_c"], 0.02, share=0.82, swing=15.0, felt=felt)
+    assert np.flatnonzero(found.implausible).tolist() == [46]
+
+
 def test_a_film_that_stands_on_a_coarse_step_feels_no_burst_and_is_alive():
     """At 2 Hz, among steps eight times its noise. Before: it passed for one that is stuck, and the burst for the air
     (in one damaged log humidity came out 8.1 times as wrong as it was read)."""
