@@ -116,10 +116,10 @@ def usual_of(campaign: Campaign | None, goals: Goals, surroundings: Surroundings
 
 
 def farthest(menu: Sequence[PlannedShock], runs: Sequence[Run]) -> PlannedShock:
-    """The run of a menu that is least like any that was recorded."""
-    there = np.array([_place(s) for run in runs if (s := shock_of(run)) is not None])
+    """The run of a menu that is least like any that was recorded; the first where the airs of none are known."""
     places = np.array([_place(shock) for shock in menu])
-    apart = ((places[:, None, :] - there[None, :, :]) ** 2).sum(axis=-1).min(axis=1)
+    there = np.reshape([_place(s) for run in runs if (s := shock_of(run)) is not None], (-1, places.shape[1]))
+    apart = ((places[:, None, :] - there[None, :, :]) ** 2).sum(axis=-1).min(axis=1, initial=np.inf)
     return menu[int(np.argmax(apart))]
 
 

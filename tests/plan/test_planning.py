@@ -49,7 +49,7 @@ from shockrig.analysis.plan.information import information, nats
 from shockrig.analysis.plan.judged import ChannelLook, Verdict, look_at, spending
 from shockrig.analysis.plan.minutes import USUAL_BETWEEN_RECORDS, airs_of, learn, spent_minutes
 from shockrig.analysis.plan.precision import Target, gained_by, measured, targets
-from shockrig.analysis.plan.varied import variety
+from shockrig.analysis.plan.varied import farthest, variety
 from shockrig.analysis.report.loop_page import chosen_section
 from shockrig.files.campaign import Run, RunAir
 from shockrig.files.errors import InputError
@@ -573,6 +573,14 @@ def test_a_run_is_worth_what_two_of_its_kind_bring():
     designs = Designs(menu, None, (), np.zeros((0, 2)), np.zeros(0), np.zeros(2), lambda planned: worth)
     here = Run("0001", RunAir(20.0, 20.0), RunAir(20.0, 80.0), 6.0, 1013.25, 6.0, None, None, None)
     assert choose_runs(designs, minutes, [here], 1)[0][0].shock.why == "far"
+
+
+def test_where_no_airs_are_known_any_run_is_unlike_those_recorded():
+    """A thermometer's bench states no humidity of its airs: what nothing explains is looked for there all the same."""
+    unknown = Run("0001", RunAir(20.0, None), RunAir(40.0, None), 6.0, 1013.25, 6.0, None, None, None)
+    assert farthest([UP, DOWN], [unknown]) is UP
+    known = replace(unknown, source=RunAir(20.0, 20.0), destination=RunAir(20.0, 80.0))
+    assert farthest([UP, DOWN], [unknown, known]) is DOWN
 
 
 def test_the_first_run_comes_again_at_every_sixth_place_and_not_behind_one_that_closes():
