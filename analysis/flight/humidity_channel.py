@@ -269,7 +269,7 @@ def correct_humidity(
             return film_response(part, at_c, stream, body).slower(0.0, unsure)
 
     response = None if air is None or respond is None else respond(air)
-    screened = _screened(flight, effects, noise, air, response)
+    screened = _screened(flight, effects, noise, air, response, ~_unread(bead, time_s))
     if part is None or too_few(screened):
         why = lacking(part, "humidity", raw, RANGES["humidity_reading_percent"])
         return untouched("humidity", raw, screened, why, notes)
@@ -401,8 +401,9 @@ def _screened(
     noise: float,
     air: Array | None,
     response: LagResponse | None,
+    known: Mask,
 ) -> Screened:
-    """The film's readings judged; what lags is their vapour at the `air`'s temperature."""
+    """The film's readings judged; what lags is their vapour at the `air`'s temperature, where that is `known` (n,)."""
     raw, time_s = flight.humidity_percent, flight.time_s
     period = typical_period(time_s)
     return screen(
@@ -415,7 +416,17 @@ def _screened(
         share=1.0 if response is None else largest_share(response, period),
         swing=LIKELY_RANGES["swing_percent"].high,
         lagging=None if air is None else raw * saturation_pressure_hpa(air) / saturation_pressure_hpa(REFERENCE_C),
+        known=known,
     )
+
+
+def _unread(bead: FlightChannel, time_s: Array) -> Mask:
+    """Rows (n,) in which the temperature was not read for long: a thermometer that is read more seldom than the
+    hygrometer is one all the same."""
+    if not bead.screened.usable.any():
+        return np.ones(time_s.shape, dtype=bool)
+    longest_s = max(APART_S, SELDOM_FACTOR * typical_period(time_s[bead.screened.usable]))
+    return _long(~bead.screened.usable, time_s, longest_s)
 
 
 def _alone(
@@ -475,9 +486,7 @@ def _of_temperature(readings: FlightReadings, air: Array, error: Array, bead: Fl
     coupling = _coupling(time_s, level, air, error, percent_per_k, readings.response)
     passing = Passing(percent_per_k * error, bead.resolved_rate, coupling)
     # a reading whose temperature is not known is none of vapour
-    # a thermometer that is read more seldom than the hygrometer is one all the same
-    longest_s = max(APART_S, SELDOM_FACTOR * typical_period(time_s[bead.screened.usable]))
-    unread = _long(~bead.screened.usable, time_s, longest_s)
+    unread = _unread(bead, time_s)
     most = np.maximum(VAGUE_TIMES * np.median(passing.sigma), VAGUE_NOISES * np.sqrt(readings.noise_variance))
     vague = passing.sigma > most
     # over a while, readings of vapour that is known badly say more than none, if it is known better than it moves

@@ -296,6 +296,7 @@ def screen(
     share: float = 1.0,
     swing: float = np.inf,
     lagging: Array | None = None,
+    known: Mask | None = None,
     felt: Felt | None = None,
 ) -> Screened:
     """Judge one channel's readings, rows in order.
@@ -303,7 +304,8 @@ def screen(
     `possible` is what a reading can be; `limit` is a ceiling at which the sensor clips; `stale` marks rows (n,)
     that are known to repeat the one before; `share` is the most of a step of the air that the sensor shows between two
     rows, `swing` the most that the air goes and comes back within two rows, `lagging` (n,) what lags where it is not
-    the reading itself, `felt` what another sensor felt of the same air at once.
+    the reading itself, and `known` the rows where that is no guess, `felt` what another sensor felt of the same air at
+    once.
     """
     missing = ~np.isfinite(reading)
     implausible = ~missing & ((reading < possible.low) | (reading > possible.high))
@@ -328,14 +330,15 @@ def screen(
     believed &= ~implausible
     by_steps = stairs(reading[np.flatnonzero(believed)], resolution, noise)
     spikes = implausible & (reading >= possible.low) & (reading <= possible.high)
-    stretches = judge(reading, believed, resolution, noise, share, swing, lagging, spikes, felt)
+    surely = lagging if lagging is None or known is None else np.where(known, lagging, np.nan)
+    stretches = judge(reading, believed, resolution, noise, share, swing, surely, spikes, felt)
     implausible |= stretches.from_elsewhere
     believed &= ~implausible
     if implausible.any() and resolution_of(reading[believed]) > (1.0 + OFF_GRID) * resolution:
         # the log's steps are those of its readings, and a code is on none of them
         rest = screen(
             time_s, np.where(believed, reading, np.nan), possible, noise, limit=limit, stale=stale, share=share,
-            swing=swing, lagging=lagging, felt=felt,
+            swing=swing, lagging=lagging, known=known, felt=felt,
         )  # fmt: skip
         return replace(rest, missing=missing, implausible=implausible | rest.implausible)
     repeated = np.zeros(reading.shape, dtype=bool)

@@ -127,7 +127,8 @@ def judge(
     swing : float
         Most that the air goes, and comes back; less is judged by the lag alone.
     lagging : ndarray (n,), optional
-        What lags, where it is not the reading itself: a film's vapour, whose reading follows the temperature at once.
+        What lags, where it is not the reading itself: a film's vapour, whose reading follows the temperature at once;
+        NaN where that was not read.
     spikes : ndarray (n,), optional
         Readings that are not believed and may be the loudest of a burst.
     felt : Felt, optional
@@ -192,13 +193,18 @@ def _of_this_sensor(
     while True:
         elsewhere, lone = _elsewhere(rows, reading[rows], least, swing, share, stuck, lagging is None)
         if lagging is not None and (elsewhere.any() or lone.size):
-            also, alone = _elsewhere(rows, lagging[rows], least, swing, share, stuck)
+            known = np.flatnonzero(np.isfinite(lagging[rows]))
+            also, alone = elsewhere[known], lone[:0]
+            if known.size >= 2 * WINDOW_ROWS:
+                also, alone = _elsewhere(rows[known], lagging[rows[known]], least, swing, share, stuck[known])
             # of two ends one that the readings jump at is enough: at the other they stood as what lags had to move
             ends = np.flatnonzero(np.diff(also, prepend=False, append=False))
             for first, behind in ends.reshape(-1, 2):
                 whole = first > 0 and behind < also.size
-                elsewhere[first:behind] |= whole and (first in lone or behind in lone)
-            elsewhere, lone = elsewhere & also, np.intersect1d(lone, alone)
+                elsewhere[known[first:behind]] |= whole and (known[first] in lone or known[behind] in lone)
+            elsewhere[known] &= also
+            # over what is not known it may have gone anywhere
+            lone = np.intersect1d(lone, known[alone[np.diff(known, prepend=-1)[alone] == 1]])
         rows, stuck = rows[~elsewhere], stuck[~elsewhere]
         # without them another stretch may be seen from end to end: the air jumped within it
         if not elsewhere.any() or rows.size < 2 * WINDOW_ROWS:
@@ -433,7 +439,8 @@ def _as_vapour(values: Array, lagging: Array, resolution: float) -> Callable[[sl
     their steps hide."""
 
     def had_to_move(stand: slice, jump: float) -> Mask:
-        moved = np.ptp(lagging[stand]) > np.ptp(values[stand]) + resolution
+        some = lagging[stand][np.isfinite(lagging[stand])]
+        moved = some.size > 0 and np.ptp(some) > np.ptp(values[stand]) + resolution
         return np.full(stand.stop - stand.start, moved)
 
     return had_to_move

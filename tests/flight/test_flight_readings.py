@@ -259,6 +259,18 @@ def test_readings_that_are_absurd_at_once_are_of_no_air_however_alike():
     assert np.flatnonzero(found.implausible).tolist() == [46]
 
 
+def test_humidity_that_jumps_with_a_temperature_that_was_not_read_is_believed():
+    """A thermometer that is stuck over a front: the vapour beside what it reads goes there and back, and the humidity
+    jumps once. (In a damaged log the humidity came out 66 times as wrong as it was read.)"""
+    rng, row = np.random.default_rng(3), np.arange(1200)
+    humidity = np.where(row < 504, 22.1, 49.7) + 0.06 * rng.standard_normal(1200)
+    vapour = humidity * np.where(row < 594, 1.57, 0.7)
+    possible, known = RANGES["humidity_reading_percent"], (row < 504) | (row >= 594)
+    told = {"share": 0.2, "swing": 50.0, "lagging": vapour}
+    assert screen(0.2 * row, humidity, possible, 0.06, **told).implausible.any()
+    assert not screen(0.2 * row, humidity, possible, 0.06, **told, known=known).implausible.any()
+
+
 def test_a_film_that_stands_on_a_coarse_step_feels_no_burst_and_is_alive():
     """At 2 Hz, among steps eight times its noise. Before: it passed for one that is stuck, and the burst for the air
     (in one damaged log humidity came out 8.1 times as wrong as it was read)."""
