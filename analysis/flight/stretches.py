@@ -216,9 +216,11 @@ def _burst(reading: Array, rows: NDArray[np.int64], usual: float, felt: Felt | N
     elsewhere."""
     if felt is None:
         return _louder(reading[rows], usual)
-    beside = np.flatnonzero(np.isfinite(felt.reading[rows]))
+    read = np.isfinite(felt.reading[rows])
+    beside = np.flatnonzero(read)
     if beside.size < 2 * WINDOW_ROWS:
         return np.zeros(rows.size)
+    nearest = np.round(np.interp(np.arange(rows.size), beside, np.arange(beside.size))).astype(np.int64)
     other = felt.reading[rows[beside]]
     # one that is stuck feels nothing
     alive = ~stuck_rows(other, felt.resolution, felt.noise, scatter(other))
@@ -226,10 +228,11 @@ def _burst(reading: Array, rows: NDArray[np.int64], usual: float, felt: Felt | N
     def least(window: int) -> Array:
         # a few rows tell it badly, and what is loud is so with the rows beside it
         most = np.maximum(maximum_filter1d(scatter(other, window), 3), max(felt.noise, felt.resolution))
-        return np.where(alive, most / FELT_SHARE, np.inf)
+        # it tells of a window that it was read in the most of
+        told = alive[nearest] & (uniform_filter1d(1.0 * read, window) > 0.5)
+        return np.where(told, most[nearest] / FELT_SHARE, np.inf)
 
-    # where nothing was felt, as among the rows around
-    return np.interp(np.arange(rows.size), beside, _louder(reading[rows[beside]], usual, least))
+    return _louder(reading[rows], usual, least)
 
 
 def _louder(values: Array, usual: float, least: Callable[[int], Array] | None = None) -> Array:
