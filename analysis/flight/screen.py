@@ -70,10 +70,14 @@ def without_codes(flight: Flight) -> tuple[Flight, dict[str, Mask]]:
     if (pascal := _in_pascal(flight.pressure_hpa)).any():
         found[PASCAL], flight = pascal, replace(flight, pressure_hpa=flight.pressure_hpa / 100.0)
     both = np.stack([flight.temperature_c, flight.humidity_percent])
-    told = held(both, [resolution_of(values[np.isfinite(values)]) for values in both])
+    steps = [resolution_of(values[np.isfinite(values)]) for values in both]
+    told = held(both, steps)
     both = np.where(told.unsure, np.nan, np.where(told.exchanged, both[::-1], both))
     degf = told.degf & np.isfinite(both)
-    both = np.where(degf, (both - 32.0) / 1.8, both)
+    for values, converted, step in zip(both, degf, steps, strict=True):
+        # on the log's steps: between them every other reading would be one that stays where it should move
+        in_degc = (values[converted] - 32.0) / 1.8
+        values[converted] = np.round(in_degc / step) * step if step else in_degc
     some = {EXCHANGED: told.exchanged & ~told.unsure, UNSURE: told.unsure, DEGF: degf[0] | degf[1]}
     found |= {name: rows for name, rows in some.items() if rows.any()}
     if found.keys() & some.keys():

@@ -9,7 +9,7 @@ from benchmark_scripts import benchmark
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.doubts import profile_doubts
 from shockrig.analysis.flight.flight_channel import reach
-from shockrig.analysis.flight.screen import EXCHANGED, resolution_of, screen, without_codes
+from shockrig.analysis.flight.screen import DEGF, EXCHANGED, resolution_of, screen, without_codes
 from shockrig.analysis.flight.simulated.scenes import to_flight
 from shockrig.analysis.flight.simulated.sensor import fly
 from shockrig.analysis.flight.simulated.typical import typical_profile
@@ -139,6 +139,18 @@ def test_a_burst_that_a_fast_sensor_may_have_read_is_told_by_the_film_that_felt_
     assert np.mean(np.abs(off) <= 1.96 * noisy.temperature_uncertainty_k) > 0.9
     of_film = [rms(done.humidity_percent - truth["humidity_percent"]) for done in (plain, noisy)]
     assert of_film[1] < rms(log.humidity_percent - truth["humidity_percent"]) and of_film[1] < 2.0 * of_film[0]
+
+
+def test_a_part_in_fahrenheit_of_a_coarse_log_lies_on_its_steps():
+    """72.0 degF among steps of 0.5 degC. Before: 22.22 beside 22.0 made the log's step 0.02 K, each reading that stood
+    one that was stuck, and in a damaged log the humidity 35 times as wrong as it was read."""
+    row = np.arange(800)
+    temperature = np.where(row < 400, 22.0, 8.0) + 0.5 * (np.random.default_rng(3).random(800) < 0.1)
+    log = dataclasses.replace(flight().at(row), temperature_c=temperature)
+    log.temperature_c[100:300] = np.round(2.0 * (1.8 * temperature[100:300] + 32.0)) / 2.0
+    log, found = without_codes(log)
+    assert found[DEGF].sum() == 200
+    assert resolution_of(log.temperature_c) == 0.5
 
 
 def test_plumes_in_a_gap_of_the_film_are_no_burst_of_a_fast_bead():
