@@ -1,4 +1,5 @@
-"""What an extension gains on runs that it was not fitted to, and where such runs are placed.
+"""What an extension gains on runs that took part neither in fitting nor in choosing it, and where such runs are
+placed.
 
 A run's own start, rate and airs are placed where they fit best within two of their stated uncertainties, the same way
 for every model; errors are over single samples.
@@ -189,22 +190,29 @@ def kinds(channel: Channel) -> NDArray[np.int64]:
 class HeldOutPart:
     """One fold: which runs the models are fitted to, `train`, and which of the others, `test`, they predict.
 
-    `held` and `bins` are the latter's readings; `residuals` (R, n) are those under the plain model fitted to the
-    former, without what single readings have shown.
+    `held` and `bins` are the latter's readings. `plain` is the plain model fitted to the former, `value` its value
+    there [nats]; `residuals` (R, n) are those of the latter under it, without what single readings have shown.
     """
 
     train: NDArray[np.bool_]
     test: NDArray[np.int64]
     part: Problem
+    plain: Fit
+    value: float
     residuals: Array
     held: Channel
     bins: Problem
 
     def residuals_under(self, model: Rated) -> Array:
-        """Residuals (R, n) of the runs held out under a model fitted to the others."""
+        """Residuals (R, n) of the runs held out under what the others choose of a model, by the search's own score:
+        itself, itself less one effect, or the plain one."""
         if not model.ids:
             return self.residuals
-        return held_out_residuals(self.held, self.bins, _fitted(self.part, model, self.train))
+        whole = _acting(self.part, model, self.train)
+        added = [e for e in whole.ids if e not in self.plain.structure.ids]
+        tried = [whole, *(whole.dropping(e) for e in added if len(added) > 1)]
+        found = [(self.value, self.plain), *(_fitted(self.part, model, one, self.train) for one in tried)]
+        return held_out_residuals(self.held, self.bins, max(found, key=lambda one: one[0])[1])
 
 
 def held_out_parts(channel: Channel, problem: Problem, plain: Rated) -> list[HeldOutPart]:
@@ -220,7 +228,7 @@ def held_out_parts(channel: Channel, problem: Problem, plain: Rated) -> list[Hel
         if not train.any() or not test.size:
             continue
         part = problem.select(train)
-        simple = _fitted(part, plain, train)
+        value, simple = _fitted(part, plain, plain.fit.structure, train)
         # Nor is one that the training part has runs of and does not tell, while all runs together do.
         told, known = (np.sqrt(np.diag(f.covariance))[: channel.rates] for f in (simple, plain.fit))
         told = told < np.maximum(UNTOLD_SIGMA, USUAL_LOSS * known)
@@ -228,12 +236,12 @@ def held_out_parts(channel: Channel, problem: Problem, plain: Rated) -> list[Hel
         if test.size:
             held, bins = channel.select(test), problem.select(test)
             residuals = held_out_residuals(held, bins, plainly(simple))
-            found.append(HeldOutPart(train, test, part, residuals, held, bins))
+            found.append(HeldOutPart(train, test, part, simple, value, residuals, held, bins))
     return found
 
 
 def measure_gain(channel: Channel, parts: Sequence[HeldOutPart], model: Rated, noise: Noise) -> Gain:
-    """Held-out gain of a model over the plain one, each fitted anew without the runs held out."""
+    """Held-out gain of a model over the plain one, each fitted anew and chosen without the runs held out."""
     before, after = np.full(channel.runs, np.nan), np.full(channel.runs, np.nan)
     left: dict[int, tuple[Array, Array]] = {}
     for one in parts:
@@ -254,18 +262,27 @@ def _as_held_out(channel: Channel, left: Mapping[int, tuple[Array, Array]]) -> H
     return HeldOut(*zip(*found, strict=True))
 
 
-def _fitted(part: Problem, model: Rated, train: NDArray[np.bool_]) -> Fit:
-    """A model fitted to the runs `train`, from where it was with all, without what does nothing in these: its numbers
-    would be those of the runs held out."""
-    near, bump, own = model.fit, bumps(part), model.fit.deviations[train]
-    whole = Model(part.channel, near.structure)
-    _, arrow = linearise(part, near.structure, Point(whole.start(near.log_rates, near.choice), own))
+def _fitted(part: Problem, whole: Rated, structure: Structure, train: NDArray[np.bool_]) -> tuple[float, Fit]:
+    """A structure fitted to the runs `train`, from where it was with all, and its value there [nats]."""
+    near, bump = whole.fit, bumps(part)
+    begin = Model(part.channel, structure).start(near.log_rates, near.choice)
+    found = fit(part, structure, begin, near.deviations[train])
+    rated = score(part, found, bump)
+    # What is held against each effect is about the same for all of them.
+    prior = whole.log_prior * len(structure.ids) / max(len(near.structure.ids), 1)
+    return rated.total + prior, as_stated(part, found, bump, rated.discrepancy, False)
+
+
+def _acting(part: Problem, model: Rated, train: NDArray[np.bool_]) -> Structure:
+    """A model without what does nothing in the runs `train`: its numbers would be those of the runs held out."""
+    near, structure = model.fit, model.fit.structure
+    whole = Model(part.channel, structure)
+    begin = Point(whole.start(near.log_rates, near.choice), near.deviations[train])
+    _, arrow = linearise(part, structure, begin)
     does = np.any(arrow.jacobian[..., part.channel.rates : whole.behind.start], axis=(0, 1)).tolist()
-    silent = {effect.id for effect, _ in near.structure.parameters}
-    silent -= {effect.id for (effect, _), some in zip(near.structure.parameters, does, strict=True) if some}
-    structure = near.structure.keeping(set(near.structure.ids) - silent)
-    found = fit(part, structure, Model(part.channel, structure).start(near.log_rates, near.choice), own)
-    return as_stated(part, found, bump, score(part, found, bump).discrepancy, False)
+    silent = {effect.id for effect, _ in structure.parameters}
+    silent -= {effect.id for (effect, _), some in zip(structure.parameters, does, strict=True) if some}
+    return structure.keeping(set(structure.ids) - silent)
 
 
 def plainly(found: Fit) -> Fit:
