@@ -82,7 +82,7 @@ class Designs:
     precise : tuple of Precise
         For each channel with goals of precision.
     pairs : ndarray (P, M)
-        Expected ln E of each run for each pair of tied explanations.
+        Expected ln E of each run for each pair of tied explanations, without what the first of a dispute pays once.
     needed : ndarray (P,)
         ln E that each still needs.
     evidence : ndarray (M,)
@@ -142,10 +142,10 @@ class Designs:
             dispute = look.verdict.dispute
             if look.problem is None or look.noise is None or dispute is None or not look.rivals:
                 continue
-            told = expected(look.problem, look.noise, look.rivals, dispute, shocks)
+            told, each_further = expected(look.problem, look.noise, look.rivals, dispute, shocks)
             evidence = np.maximum(evidence, averaged(told.max(axis=1), dispute))
             for i, j in permutations(range(len(told)), 2):
-                pairs.append(np.maximum(told[i, j], 0.0))
+                pairs.append(np.maximum(each_further[i, j], 0.0))
                 needed.append(REJECTED_FROM - float(np.clip(dispute.so_far[j], 0.0, MOST_TOLD)))
         varied = partial(variety, looks if goals.ties else {}, shocks)
         told_apart = np.array(pairs).reshape(len(pairs), len(shocks))

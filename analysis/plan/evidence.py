@@ -140,8 +140,9 @@ def student(log_ratio: float, degrees: int) -> float:
 
 def expected(
     problem: Problem, noise: Noise, fits: Sequence[Fit], dispute: Dispute, shocks: Sequence[PlannedShock]
-) -> Array:
-    """ln E (K, K, M) that each run, made once, is expected to add for explanation i, were it true, against j.
+) -> tuple[Array, Array]:
+    """ln E (K, K, M) that each run, made once, is expected to add for explanation i, were it true, against j; and the
+    same without what j is allowed once, at the first run of a dispute: what each further run adds.
 
     `fits` are those of the explanations that stand. A run at an ambient of which a film's rate is not known yet says
     nothing.
@@ -149,7 +150,7 @@ def expected(
     channel = problem.channel
     degrees, so_far = dispute.degrees(channel.rates), dispute.so_far
     old = np.isin(channel.run_ids, dispute.runs)
-    found = np.zeros((len(fits), len(fits), len(shocks)))
+    found, each_further = np.zeros((2, len(fits), len(fits), len(shocks)))
     for i, true in enumerate(fits):
         new = imagined(true.on_its_scatters(problem), noise, shocks, channel.ambients_c)
         truth, own = linearise(new, true.structure, Point(true.theta, new.channel.at_rest()))
@@ -161,11 +162,12 @@ def expected(
                 new, truth, rival.structure, rival.theta, rival.arrow.told - (1.0 - OLD_RUNS_POWER) * told
             )
             twice -= paid
-            if old.all():
-                twice += [_allowed(one.told, told, rival.theta.size) for one in each]
+            once = [_allowed(one.told, told, rival.theta.size) for one in each] if old.all() else np.zeros(len(each))
             before = _not_student(so_far[j], degrees)
-            found[i, j] = [student(before + 0.5 * float(x), degrees) - so_far[j] for x in twice]
-    return found * rates_known(channel, shocks)
+            for out, adds in ((found, twice + once), (each_further, twice)):
+                out[i, j] = [student(before + 0.5 * float(x), degrees) - so_far[j] for x in adds]
+    known_there = rates_known(channel, shocks)
+    return found * known_there, each_further * known_there
 
 
 def of_second_probe(

@@ -243,8 +243,11 @@ def test_evidence_comes_from_runs_that_tell_the_explanations_apart(tmp_path):
     fits = [_fitted(problem, one) for one in (HEATING, OFFSET)]
     apart = student(0.5 * separations(problem, ready.noise, *fits, [slow, COOL])[0], 5)
     assert told[1] == pytest.approx(apart, rel=0.35)
-    slowly, same = expected(problem, ready.noise, fits, Dispute((HEATING, OFFSET), old, (0.0, 0.0)), [slow, COOL])[0, 1]
+    once, further = expected(problem, ready.noise, fits, Dispute((HEATING, OFFSET), old, (0.0, 0.0)), [slow, COOL])
+    slowly, same = once[0, 1]
     assert told[1] == pytest.approx(slowly, rel=0.5) and same < 2.0
+    # what an explanation is allowed at the first run of a dispute, no further one pays
+    assert (further[0, 1] > once[0, 1]).all()
     # both are the sensor's own, of which a second one says nothing
     nothing = of_second_probe(problem, ready.noise, fits, Dispute((HEATING, OFFSET), old, (0.0, 0.0)), [slow])
     assert nothing == pytest.approx(0.0, abs=1e-9)
