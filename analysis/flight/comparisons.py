@@ -20,7 +20,7 @@ from scipy.special import gamma, gammainc
 
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.effect import InFlight
-from shockrig.analysis.flight.flight_channel import FlightChannel, bridged
+from shockrig.analysis.flight.flight_channel import FlightChannel, bridged, possible_air
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.flight.smoother import followed
 from shockrig.analysis.flight.sweep import lags_behind
@@ -669,7 +669,7 @@ def seen_by_film(
     # what the humidity is off by if the air did move
     keep = float(np.exp(-typical_period(flight.time_s) / DIE_S))
     late = followed(np.diff(alone, prepend=0.0), keep, 0.0) / (1.0 - keep)
-    behind = np.log(saturation_pressure_hpa(air) / saturation_pressure_hpa(air - late))
+    behind = np.log(saturation_pressure_hpa(possible_air(air)) / saturation_pressure_hpa(possible_air(air - late)))
     of_film = film.value * np.abs(behind)
     of_bead, of_vapour = _slowed(flight.time_s, air, slice(int(moved[0]), int(moved[-1]) + 1), film)
     off = np.hypot(off / np.sqrt(3.0), of_bead)
@@ -730,5 +730,6 @@ def _slowed(time_s: Array, air: Array, rows: slice, film: FlightChannel) -> tupl
     if film.response is None:
         return np.abs(late), np.zeros(air.shape)
     keep = float(np.exp(-typical_period(time_s) / film.response.slowest_s))
-    wrong = np.log(saturation_pressure_hpa(air + late) / saturation_pressure_hpa(air + followed(late, keep, 0.0)))
+    where, seen = possible_air(air + late), possible_air(air + followed(late, keep, 0.0))
+    wrong = np.log(saturation_pressure_hpa(where) / saturation_pressure_hpa(seen))
     return np.abs(late), film.value * np.abs(wrong)

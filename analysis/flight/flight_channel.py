@@ -22,7 +22,7 @@ from shockrig.analysis.flight.sweep import COARSE_IN_NOISE, lags_behind
 from shockrig.analysis.flight.undo_readout import Carried, Undone
 from shockrig.files.numbers import counted
 from shockrig.files.profile import HumidityProfile, TemperatureProfile
-from shockrig.files.ranges import Range
+from shockrig.files.ranges import RANGES, Range
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -535,6 +535,11 @@ def there_and_back(odd: Array, rows: int) -> list[tuple[slice, slice | None]]:
         found.append((moves[i], moves[i + 1]))
         del moves[i : i + 2]
     return sorted([*found, *((move, None) for move in moves)], key=lambda one: one[0].start)
+
+
+def possible_air(temperature_c: Array) -> Array:
+    """Temperatures (n,) as far as any air has them: a thermometer's own moves are a sum, which may go anywhere."""
+    return np.clip(temperature_c, RANGES["temperature_c"].low, RANGES["temperature_c"].high)
 
 
 def _beyond_both_sides(channel: FlightChannel, readings: FlightReadings, unit: Array) -> Array:

@@ -27,6 +27,7 @@ from shockrig.analysis.flight.flight_channel import (
     judged,
     lacking,
     own_changes,
+    possible_air,
     slope,
     too_few,
     untouched,
@@ -259,7 +260,7 @@ def correct_humidity(
     air = bridged(time_s, bead.value)
     if air is not None:
         # an inversion that failed may give any temperature; near absolute zero there is no vapour to divide by
-        air = np.clip(air, RANGES["temperature_c"].low, RANGES["temperature_c"].high)
+        air = possible_air(air)
     respond = None
     if part is not None and air is not None:
         usual = np.median(air, keepdims=True)
@@ -320,7 +321,8 @@ def _through_vapour(
     alone, drift = np.zeros(raw.shape), np.zeros(raw.shape)
     if alike:
         alone = _alone(time_s, plain, air, sigma, bead, screened, response, film.noise)
-        believed, air = air - alone, air - _forgotten(alone, response, typical_period(time_s))
+        moved = alone, _forgotten(alone, response, typical_period(time_s))
+        believed, air = (possible_air(air - own) for own in moved)
         drift = _lagged_drift(air, believed, response, typical_period(time_s))
     # a late reading is of the air that was; the die's temperature comes from the same chip and is as late
     now, air, error = air, *(_earlier(time_s, values, plain.delay_s) for values in (air, sigma))
@@ -445,10 +447,11 @@ def _alone(
     then = _earlier(time_s, air, plain.delay_s)
     alone = np.zeros(then.shape)
     for shown in SHOWN_SHARES:
-        alone = alone + unseen(time_s, plain.reading, then - alone, sigma, believed, response, own_noise, shown)
+        air = possible_air(then - alone)
+        alone = alone + unseen(time_s, plain.reading, air, sigma, believed, response, own_noise, shown)
     if believed.any():
         read = np.interp(time_s, time_s[believed], np.maximum(plain.reading[believed], LEAST_PERCENT))
-        alone = alone + swings(read, then - alone, believed, typical_period(time_s))
+        alone = alone + swings(read, possible_air(then - alone), believed, typical_period(time_s))
     return _earlier(time_s, alone, -plain.delay_s)
 
 

@@ -19,6 +19,7 @@ from shockrig.analysis.flight.smooth_channel import estimate
 from shockrig.analysis.flight.swings import swings
 from shockrig.analysis.physics.air_exchange import Stream
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa as saturation
+from shockrig.files.flight import Flight
 from shockrig.files.ranges import RANGES
 
 PROFILE = typical_profile()
@@ -210,6 +211,18 @@ def test_a_film_that_was_hardly_read_says_nothing_of_swings(gap):
     read[gap] = False
     between = np.interp(time_s, time_s[read], follows[read]) if read.any() else np.full(2400, 50.0)
     assert not swings(between, air, read, 0.1).any()
+
+
+def test_a_thermometer_in_noise_of_kelvins_leaves_air_that_can_be():
+    """Its own moves are a sum, and went below absolute zero."""
+    time_s, unknown = np.arange(1000) * 0.1, np.full(1000, np.nan)
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        temperature = 20.0 + np.where(time_s < 30.0, 0.02, 5.0) * rng.standard_normal(1000)
+        humidity = 22.0 + 0.06 * rng.standard_normal(1000)
+        found = correct(Flight(time_s, temperature, humidity, unknown, unknown, unknown, unknown), PROFILE)
+        assert np.isfinite(found.humidity_percent).all()
+        assert 0.0 <= found.humidity_percent.min() and found.humidity_percent.max() <= 100.0
 
 
 def test_in_the_sun_once_in_a_circle_both_are_unsure_and_the_humidity_goes_without_it():
