@@ -26,7 +26,7 @@ from shockrig.analysis.diagnose.diagnosed import (
     Predicting,
 )
 from shockrig.analysis.diagnose.experiments import propose, unseen
-from shockrig.analysis.diagnose.gain import Gain, HeldOutPart, held_out_parts, measure_gain, plainly, run_errors
+from shockrig.analysis.diagnose.gain import Gain, HeldOutPart, held_out_parts, measure_gain, run_errors
 from shockrig.analysis.diagnose.grammar import stated
 from shockrig.analysis.diagnose.prepare import Prepared, likelier_average, prepare, with_rounding
 from shockrig.analysis.diagnose.refitting import with_rates_alike
@@ -301,7 +301,7 @@ def _predicting(ready: Prepared, found: Search, stands: Predicting, shown: tuple
     models = [found.best, *(one for one, _ in found.predictors if id(one) in among - {id(found.best)})]
     alike = ((one, with_rates_alike(problem, one.fit)) for one in models)
     tried = [*((one, one.fit) for one in models), *((one, fit) for one, fit in alike if fit is not None)]
-    left = [run_errors(channel, problem, fit if one.ids else plainly(fit)).mean() for one, fit in tried]
+    left = [run_errors(channel, problem, fit).mean() for _, fit in tried]
     losses = np.array([_criterion(channel, fit, square) for (_, fit), square in zip(tried, left, strict=True)])
     best = int(np.argmax(losses <= losses.min() + AS_GOOD))  # where runs cannot tell, the stated one, then the heavier
     model, fit = tried[best]
