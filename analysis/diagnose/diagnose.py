@@ -40,7 +40,7 @@ from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import Fit
 from shockrig.analysis.estimate.gather import UNSETTLED, build_channel, usable_runs, why_none
-from shockrig.analysis.estimate.predictive import BUMP_COUNT, as_stated, bumps
+from shockrig.analysis.estimate.predictive import BUMP_COUNT, as_stated, bumps, score
 from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, looked_for
 from shockrig.analysis.estimate.seen import FEW_RUNS
@@ -307,7 +307,8 @@ def _predicting(ready: Prepared, found: Search, stands: Predicting, shown: tuple
     model, fit = tried[best]
     if fit is found.best.fit:
         return stands
-    final, stated_so = _final(problem, replace(model, fit=fit), than_runs=True), replace(found, best=model)
+    carried = model if fit is model.fit else replace(model, fit=fit, score=score(problem, fit, bumps(problem)))
+    final, stated_so = _final(problem, carried, than_runs=True), replace(found, best=model)
     return Predicting(
         model,
         final,
