@@ -26,7 +26,7 @@ from shockrig.analysis.diagnose.diagnosed import (
     Predicting,
 )
 from shockrig.analysis.diagnose.experiments import propose, unseen
-from shockrig.analysis.diagnose.gain import Gain, HeldOutPart, held_out_parts, measure_gain, run_errors
+from shockrig.analysis.diagnose.gain import Gain, HeldOutPart, held_out_parts, measure_gain, run_errors, squares_of_bins
 from shockrig.analysis.diagnose.grammar import stated
 from shockrig.analysis.diagnose.prepare import Prepared, likelier_average, prepare, with_rounding
 from shockrig.analysis.diagnose.refitting import with_rates_alike
@@ -54,7 +54,9 @@ from shockrig.files.numbers import counted
 Array = NDArray[np.float64]
 
 MOST_PREDICTING = 12  # models that are tried at one rate for all runs
-AS_GOOD = 1.0  # nats of the criterion by which models predict alike
+# Nats of the criterion that are not worth more than a bare mention (Kass and Raftery 1995,
+# doi 10.1080/01621459.1995.10476572): models that far apart predict alike.
+AS_GOOD = 1.0
 LEAST_TRIED = 0.01  # weight of a model that is not stated, from which on its effect is said to have been tried
 LEAST_SQUARE = 1e-30  # of a mean square, whose logarithm is taken
 
@@ -296,8 +298,12 @@ def _predicting(ready: Prepared, found: Search, stands: Predicting, shown: tuple
     asks what a run would do that nobody has seen: it has none of the rates that runs have of their own.
     """
     problem, channel = ready.problem, ready.problem.channel
-    first = sorted(found.predictors, key=lambda one: _criterion(channel, one[0].fit, _left(channel, one[0].fit)))
-    among = {id(one) for one, _ in first[:MOST_PREDICTING]} | {id(found.plain)}
+
+    def at_own_rates(one: Rated) -> float:
+        return _criterion(channel, one.fit, squares_of_bins(channel, one.fit.residual).mean())
+
+    first = sorted((one for one, _ in found.predictors), key=at_own_rates)[:MOST_PREDICTING]
+    among = {id(one) for one in (*first, found.plain)}
     models = [found.best, *(one for one, _ in found.predictors if id(one) in among - {id(found.best)})]
     alike = ((one, with_rates_alike(problem, one.fit)) for one in models)
     tried = [*((one, one.fit) for one in models), *((one, fit) for one, fit in alike if fit is not None)]
@@ -316,12 +322,6 @@ def _predicting(ready: Prepared, found: Search, stands: Predicting, shown: tuple
         (*stated(problem, stated_so, final), *shown),
         (float(np.sqrt(left[0])), float(np.sqrt(left[best]))),
     )
-
-
-def _left(channel: Channel, found: Fit) -> float:
-    """Mean square of what a fit leaves of its runs, each at its own rate [unit^2]."""
-    squares = (channel.count * found.residual**2).sum(axis=1)
-    return float((squares / np.maximum(channel.count.sum(axis=1), 1)).mean())
 
 
 def _criterion(channel: Channel, found: Fit, square: float) -> float:

@@ -73,10 +73,13 @@ def _placed(problem: Problem, found: Fit) -> Array:
 
 def _squares(problem: Problem, found: Fit, deviations: Array) -> Array:
     """Mean square error of each run's readings (R,)."""
-    channel = problem.channel
     prediction, _ = linearise(problem, found.structure, Point(found.theta, deviations))
-    squares = (channel.count * (channel.value - prediction) ** 2).sum(axis=1)
-    return np.asarray(squares / np.maximum(channel.count.sum(axis=1), 1))
+    return squares_of_bins(problem.channel, problem.channel.value - prediction)
+
+
+def squares_of_bins(channel: Channel, left: Array) -> Array:
+    """Mean square [unit^2] of what is left of each run's bins (R, n), each by its readings (R,)."""
+    return np.asarray((channel.count * left**2).sum(axis=1) / np.maximum(channel.count.sum(axis=1), 1))
 
 
 def _within(problem: Problem, found: Fit, deviations: Array, limit: Array) -> Array:
