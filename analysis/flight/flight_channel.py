@@ -7,7 +7,7 @@ is not known, the reading itself is given.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from heapq import heapify, heappop, heappush
 
 import numpy as np
 from numpy.typing import NDArray
@@ -530,15 +530,35 @@ def there_and_back(odd: Array, rows: int) -> list[tuple[slice, slice | None]]:
     apart = np.flatnonzero((np.diff(at) > rows) | (np.diff(odd[at]) != 0.0)) + 1
     moves = [slice(int(one[0]), int(one[-1]) + 1) for one in np.split(at, apart) if one.size]
     found: list[tuple[slice, slice | None]] = []
-    while pairs := [(b.start - a.stop, i) for i, (a, b) in enumerate(pairwise(moves)) if odd[a.start] != odd[b.start]]:
-        i = min(pairs)[1]
-        found.append((moves[i], moves[i + 1]))
-        del moves[i : i + 2]
-    return sorted([*found, *((move, None) for move in moves)], key=lambda one: one[0].start)
+    count = len(moves)
+    before, behind, alone = list(range(-1, count - 1)), list(range(1, count + 1)), [True] * count
+
+    def pair(i: int, j: int) -> list[tuple[int, int, int]]:
+        opposite = odd[moves[i].start] != odd[moves[j].start]
+        return [(moves[j].start - moves[i].stop, i, j)] if opposite else []
+
+    nearest = [one for i in range(count - 1) for one in pair(i, i + 1)]
+    heapify(nearest)
+    while nearest:
+        _, i, j = heappop(nearest)
+        if not (alone[i] and alone[j]):
+            continue
+        found.append((moves[i], moves[j]))
+        alone[i] = alone[j] = False
+        # those beside the two are neighbours now
+        first, last = before[i], behind[j]
+        if first >= 0:
+            behind[first] = last
+        if last < count:
+            before[last] = first
+        for one in pair(first, last) if first >= 0 and last < count else ():
+            heappush(nearest, one)
+    lone = ((move, None) for move, one in zip(moves, alone, strict=True) if one)
+    return sorted([*found, *lone], key=lambda one: one[0].start)
 
 
 def possible_air(temperature_c: Array) -> Array:
-    """Temperatures (n,) as far as any air has them: a thermometer's own moves are a sum, which may go anywhere."""
+    """Temperatures (n,) as far as any air has them: a reading, or one less moves of the sensor's own, may be any."""
     return np.clip(temperature_c, RANGES["temperature_c"].low, RANGES["temperature_c"].high)
 
 
