@@ -24,6 +24,7 @@ from shockrig.analysis.flight.flight_channel import (
     judged,
     lacking,
     own_changes,
+    possible_air,
     too_few,
     untouched,
     with_own_steps,
@@ -213,7 +214,7 @@ def _stream(flight: Flight, profile: Profile, notes: list[str]) -> Stream:
     speed = bridged(speed, flown, REFERENCE_AIRFLOW_M_S, "airspeed in the log: {} taken at {:g} m/s", of_airspeed)
     said = "pressure in the log: {} taken at {:.0f} hPa"
     pressure = bridged(pressure, np.isfinite(pressure), STANDARD_PRESSURE_HPA, said, of_pressure)
-    air = np.clip(flight.temperature_c, RANGES["temperature_c"].low, RANGES["temperature_c"].high)
+    air = possible_air(flight.temperature_c)
     return Stream(speed, pressure, bridged(air, np.isfinite(air), REFERENCE_C, "temperature", lambda _, length: []))
 
 
