@@ -42,7 +42,7 @@ SMOOTHER = (
     "stretches.LEAST_TURNED",
     "stretches.FELT_SHARE", "sweep.GAP_NODES", "screen.FELT_SIGMAS", "screen.ON_THE_WAY",
     "swings.FEWEST_SWINGS", "swings.SHORTEST_S", "swings.OUT_OF_BINS", "swings.LINE_BINS", "swings.TOLD_LOG_ODDS",
-    "swings.MEANS_IN_SWING",
+    "swings.MEANS_IN_SWING", "humidity_channel.SHOWN_SHARES",
     "stretches.LEFT_SHARE", "unread.SLOPE_BLOCKS", "unread.FEWEST_BLOCKS", "unread.MOVED_SIGMAS", "unread.SURE_SIGMAS",
 )  # fmt: skip
 CAUSAL = (
@@ -74,7 +74,11 @@ class Changed:
         owner = importlib.import_module(f"shockrig.analysis.flight.{where}")
         self.own = getattr(owner, self.name)
         kind = type(self.own)
-        self.value = kind(self.own * factor) | 1 if kind is int else kind(self.own * factor)  # a median's width is odd
+        if kind is tuple:
+            self.value = tuple(one * factor for one in self.own)
+        else:
+            value = kind(self.own * factor)
+            self.value = value | 1 if kind is int else value  # a median's width is odd
         users = [one for title, one in sys.modules.items() if title.startswith("shockrig.analysis.flight.")]
         self.users = [one for one in users if getattr(one, self.name, None) is self.own]
 
