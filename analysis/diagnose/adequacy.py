@@ -60,24 +60,6 @@ def judge(problem: Problem, found: Fit) -> Adequacy:
     return Adequacy((_response(problem, found), *_deviations(problem, found)))
 
 
-def factors(channel: Channel) -> dict[str, Array]:
-    """What a residual may vary with: factor name -> value of each run (R,), centred and scaled."""
-    c = channel.conditions
-    step, thermal = channel.quantity.air_step(c), c.thermal_step_k
-
-    def scaled(x: Array) -> Array:
-        spread = x.std()
-        return (x - x.mean()) / spread if spread > 1e-9 else np.zeros_like(x)
-
-    return {
-        "step": step / max(np.abs(step).max(), 1e-9),
-        "ambient": scaled(c.destination_c),
-        "airflow": scaled(np.log(np.maximum(c.airflow_m_s, 0.1))),
-        "temperature change": thermal / max(np.abs(thermal).max(), 1.0),
-        "run order": scaled(np.arange(channel.runs, dtype=float)),
-    }
-
-
 def time_basis(time: Array, tempo: float = 1.0) -> Array:
     """Hat functions in log time since the transfer, and one for the plateau before it: (..., K)."""
     knots = np.log(np.array(KNOTS_S[1:]) * tempo)
@@ -88,17 +70,26 @@ def time_basis(time: Array, tempo: float = 1.0) -> Array:
 
 
 def _factor_rows(channel: Channel) -> dict[str, Array]:
-    f = factors(channel)
+    """What a residual may vary with, and how much of it each run has (R,): centred and scaled."""
+    c = channel.conditions
+    step, thermal = channel.quantity.air_step(c), c.thermal_step_k
+
+    def scaled(x: Array) -> Array:
+        spread = x.std()
+        return (x - x.mean()) / spread if spread > 1e-9 else np.zeros_like(x)
+
+    step = step / max(np.abs(step).max(), 1e-9)
+    ambient, airflow = scaled(c.destination_c), scaled(np.log(np.maximum(c.airflow_m_s, 0.1)))
     rows = {
         "nothing: the same in every run": np.ones(channel.runs),
-        "the step": f["step"],
-        "the step and the ambient": f["step"] * f["ambient"],
-        "the step and the airflow": f["step"] * f["airflow"],
-        "the size of the step": np.abs(f["step"]),
+        "the step": step,
+        "the step and the ambient": step * ambient,
+        "the step and the airflow": step * airflow,
+        "the size of the step": np.abs(step),
     }
     if channel.jumps_with_air:
-        return rows | {"the change of temperature": f["temperature change"]}
-    return rows | {"the ambient": f["ambient"], "the airflow": f["airflow"]}
+        return rows | {"the change of temperature": thermal / max(np.abs(thermal).max(), 1.0)}
+    return rows | {"the ambient": ambient, "the airflow": airflow}
 
 
 def _response(problem: Problem, found: Fit) -> Check:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from scipy import special
 from scipy.optimize import minimize_scalar
 
-from shockrig.analysis.diagnose.adequacy import factors
 from shockrig.analysis.diagnose.grammar import levels
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.estimate.channel import Channel, rebin
@@ -29,20 +28,16 @@ LEAST_PLATEAU = 64  # samples of a plateau that tells anything of single reading
 LONGEST_S = 60.0  # of a plateau, in one spectrum
 PER_WIDTH = 4  # frequencies in the width of a line
 LINE_TURNS = 4.0  # of a hum in a plateau, from which on it is no slow wandering
-SEEN_SQUARE = 4.6  # times the mean square that noise alone leaves: one plateau in a hundred shows that by chance
+SEEN_SQUARE = 4.6  # times the mean square that noise alone leaves: one run in a hundred shows that by chance
 FINE_FACTOR = 12  # times as many around the one that stands out
 BESIDE_WIDTHS = 3  # widths of a line, which are not taken for the noise beside it
 AROUND_WIDTHS = 40  # widths of a line, which are
 CLIPPED_SIGMAS = 2.0  # robust standard deviations: no sine goes there, and a burst is not to hide where it is
-LEFT_OUT_SIGMAS, NEAR_BURST_S = 3.0, 0.5  # robust standard deviations of a burst, and what else is left out beside it
-# relative uncertainty of a slope over a factor, and its size, from which it says nothing:
-SHARP_SLOPE = 0.15
-SLOPE_SIGMAS = 3.0
+LEFT_OUT_SIGMAS, LEAST_LEFT = 3.0, 1e-9  # robust standard deviations of a burst, and what is rounding [unit]
 BURST_SIGMAS = 5.5  # standard deviations from which on a reading belongs to a burst
 A_HANDFUL, EXPECTED_SHARE = 1.5, 3e-4  # readings that are absurd in real logs, and their share
 NEAR_TURN, LEAST_READINGS = 0.3, 8  # of a turn over a run; of a plateau that tells a swing
 FEWEST_PLATEAUS = 4  # plateaus of a condition that is held out; twice as many tell a hum
-NAMES = {"ambient": "ambient", "airflow": "airflow", "step": "direction", "run order": "run_order"}
 
 
 @dataclass(frozen=True)
@@ -70,17 +65,14 @@ def without_hum(channel: Channel) -> tuple[Channel, Discovered | None]:
     line_hz = _highest_line(channel, pieces) if len(pieces) >= 2 * FEWEST_PLATEAUS else None
     if line_hz is None:
         return channel, None
-    calm = [_without_bursts(piece) for piece in pieces]
-    amplitude, left = np.array([_sinusoid(piece, line_hz) for piece in calm]).T
-    by_noise = 4.0 * left / [piece.value.size for piece in calm]  # mean of the square of an amplitude in noise alone
-    seen = amplitude**2 > SEEN_SQUARE * by_noise
+    frequency = _in_step(channel, line_hz)
+    swings, *sizes = zip(*(_swing(*run, channel.sampling_period_s, frequency) for run in channel.samples), strict=True)
+    square, by_noise, _ = np.array(sizes)
+    seen = square > SEEN_SQUARE * by_noise
     if not seen.any():
         return channel, None
-    size = float(np.sqrt(np.median((amplitude**2 - by_noise)[seen])))
-    frequency, u = _whole_runs(channel, line_hz, size)
-    samples = [
-        (time, value - _swing(time, value, channel.sampling_period_s, frequency)[0]) for time, value in channel.samples
-    ]
+    size = float(np.sqrt(np.median((square - by_noise)[seen])))
+    samples = [(time, value - swing) for (time, value), swing in zip(channel.samples, swings, strict=True)]
     quiet = rebin(channel, samples, channel.bin_of, channel.die_samples, 1)
     noise = estimate_noise(quiet, rounding_step(quiet) or channel.quantity.resolution)
     power, expected = float(_amplitudes(pieces, np.array([frequency]))[0].sum()), 0.0
@@ -92,12 +84,14 @@ def without_hum(channel: Channel) -> tuple[Channel, Discovered | None]:
         expected += 4.0 * max(usual, 1e-300) / piece.value.size**2
     looks = sum(piece.value.size for piece in pieces) / len(pieces)
     chance = float(special.gammaincc(len(pieces), power / expected * len(pieces))) * looks
+    # Cramer and Rao over the length of whole runs (Rife and Boorstyn 1974, doi 10.1109/TIT.1974.1055282).
+    span_s = float(np.median([time[-1] - time[0] for time, _ in channel.samples]))
+    u = np.sqrt(1.5 / (1.0 / by_noise[seen]).sum()) / (np.pi * size * span_s)
     hum = Discovered(
         behaves_as="periodic",
         driver="none",
-        period_s=Uncertain(1.0 / frequency, u / frequency**2),
-        size=EffectSize(size, float(amplitude.std(ddof=1) / np.sqrt(amplitude.size)), channel.quantity.unit),
-        does_not_depend_on=_independent(channel, np.array([p.run for p in calm]), amplitude),
+        period_s=Uncertain(1.0 / frequency, float(u) / frequency**2),
+        size=EffectSize(size, float(np.sqrt(square).std(ddof=1) / np.sqrt(square.size)), channel.quantity.unit),
         probability=1.0,
     )
     return (channel, None) if chance > LEAST_P_VALUE**2 else (quiet, hum)
@@ -121,29 +115,24 @@ def plateaus(channel: Channel) -> Iterator[_Plateau]:
                 yield _Plateau(run, t[early], (y - np.polyval(np.polyfit(t, y, 2), t))[early])
 
 
-def _whole_runs(channel: Channel, frequency_hz: float, size: float) -> tuple[float, float]:
-    """The frequency for which the two plateaus of each run fit one swing best, and its standard uncertainty [Hz]."""
-    period_s, spans = channel.sampling_period_s, [time[-1] - time[0] for time, _ in channel.samples]
+def _in_step(channel: Channel, frequency_hz: float) -> float:
+    """The frequency [Hz] near one for which the two plateaus of each run fit one swing best."""
+    spans = [time[-1] - time[0] for time, _ in channel.samples]
 
     def left(trial_hz: float) -> float:
-        return sum(_swing(time, value, period_s, trial_hz)[1] for time, value in channel.samples)
+        return sum(_swing(*run, channel.sampling_period_s, trial_hz)[3] for run in channel.samples)
 
     around = NEAR_TURN / float(np.median(spans))  # where the two plateaus of a run keep step
     ends = (frequency_hz - around, frequency_hz + around)
-    found = minimize_scalar(left, bounds=ends, method="bounded", options={"xatol": 1e-7})
-    count = sum(int(part.sum()) for time, _ in channel.samples for part in plateaus_of(time, period_s))
-    noise = found.fun / max(count, 1)
-    # Cramer and Rao over the length of whole runs (Rife and Boorstyn 1974, doi 10.1109/TIT.1974.1055282).
-    known = np.pi**2 * size**2 * count * float(np.median(spans)) ** 2 / (6.0 * max(noise, 1e-300))
-    return float(found.x), float(1.0 / np.sqrt(known))
+    return float(minimize_scalar(left, bounds=ends, method="bounded", options={"xatol": 1e-7}).x)
 
 
-def _swing(time: Array, value: Array, period_s: float, frequency_hz: float) -> tuple[Array, float]:
-    """The sinusoid of a frequency in a run's readings (n,), of one size and phase, from its two plateaus; and the
-    square of what it leaves of them with a bend of each."""
+def _swing(time: Array, value: Array, period_s: float, frequency_hz: float) -> tuple[Array, float, float, float]:
+    """The sinusoid of a frequency in a run's readings (n,), of one size and phase, from its two plateaus, with a bend
+    of each; the square of its amplitude, the mean of that in noise alone, and the square of what it leaves of them."""
     parts = [part for part in plateaus_of(time, period_s) if part.sum() > LEAST_READINGS]
     if not parts:
-        return np.zeros(time.size), 0.0
+        return np.zeros(time.size), 0.0, np.inf, 0.0
     turn = 2.0 * np.pi * frequency_hz * time
     swing = np.stack([np.sin(turn), np.cos(turn)], axis=1)
     columns, rows = [], np.concatenate([value[part] for part in parts])
@@ -154,7 +143,11 @@ def _swing(time: Array, value: Array, period_s: float, frequency_hz: float) -> t
         columns.append(np.hstack([swing[part], bend]))
     design = np.vstack(columns)
     both, *_ = np.linalg.lstsq(design, rows, rcond=None)
-    return np.asarray(swing @ both[:2]), float(((rows - design @ both) ** 2).sum())
+    rest = rows - design @ both
+    calm = np.abs(rest) <= LEFT_OUT_SIGMAS * _spread(rest) + LEAST_LEFT  # bursts are not its size
+    both, *_ = np.linalg.lstsq(design[calm], rows[calm], rcond=None)
+    left = float((rest**2).sum()) + rest.size * LEAST_LEFT**2
+    return np.asarray(swing @ both[:2]), float(both[:2] @ both[:2]), 4.0 * left / rest.size**2, left
 
 
 def _spread(values: Array) -> float:
@@ -205,22 +198,6 @@ def _highest_line(channel: Channel, pieces: list[_Plateau]) -> float | None:
     return float((highest + near)[int(np.argmax((own[moves] / variance[moves, None]).sum(axis=0)))])
 
 
-def _without_bursts(piece: _Plateau) -> _Plateau:
-    """A plateau without what lies half a second around readings that are far off: a hum's bursts are not its size."""
-    far = np.abs(piece.value) > LEFT_OUT_SIGMAS * _spread(piece.value)
-    apart = np.abs(piece.time_s[:, None] - piece.time_s[far]).min(axis=1, initial=np.inf)
-    keep = apart > NEAR_BURST_S
-    return _Plateau(piece.run, piece.time_s[keep], piece.value[keep]) if keep.sum() > 0.5 * keep.size else piece
-
-
-def _sinusoid(piece: _Plateau, frequency_hz: float) -> tuple[float, float]:
-    """Amplitude of a sinusoid fitted to a plateau by least squares, and the variance of what it leaves."""
-    turn = 2.0 * np.pi * frequency_hz * piece.time_s
-    columns = np.stack([np.sin(turn), np.cos(turn)], axis=1)
-    both, *_ = np.linalg.lstsq(columns, piece.value, rcond=None)
-    return float(np.hypot(*both)), float((piece.value - columns @ both).var())
-
-
 def _beside(power: Array) -> Array:
     """Median of a spectrum (F,) around each frequency, without those of the same line."""
     reach, gap = AROUND_WIDTHS * PER_WIDTH // 2, BESIDE_WIDTHS * PER_WIDTH
@@ -239,21 +216,6 @@ def _stands_out(train: Array, test: Array) -> bool:
     # A mean of K spectra of noise is a chi-square of 2 K degrees; its median is a little below its mean.
     count = test.shape[0]
     return bool(special.gammaincc(count, ratio * special.gammaincinv(count, 0.5)) < LEAST_P_VALUE)
-
-
-def _independent(channel: Channel, run: NDArray[np.int64], amplitude: Array) -> tuple[str, ...]:
-    """Factors with which the amplitudes of the plateaus' hum do not move."""
-    free = []
-    for name, values in factors(channel).items():
-        x = values[run] - values[run].mean()
-        if name not in NAMES or x.std() < 1e-9:
-            continue
-        slope = float(x @ amplitude / (x @ x))
-        left = amplitude - amplitude.mean() - slope * x
-        spread = float(np.sqrt(left.var(ddof=2) / (x @ x)))
-        if abs(slope) < SLOPE_SIGMAS * spread and spread * x.std() < SHARP_SLOPE * amplitude.mean():
-            free.append(NAMES[name])
-    return tuple(free)
 
 
 def bursts(channel: Channel, noise: Noise, least: float) -> Discovered | None:

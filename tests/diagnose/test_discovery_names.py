@@ -252,7 +252,6 @@ def test_a_hum_is_told_by_its_period_and_its_amplitude(humming):
     assert (one.behaves_as, one.driver, one.phase_rad) == ("periodic", "none", None)
     assert abs(one.period_s.value - 1.0 / HUM_HZ) < 5 * one.period_s.standard_uncertainty < 0.02
     assert one.size.value == pytest.approx(AMPLITUDE_K, rel=0.15)
-    assert "airflow" in one.does_not_depend_on
     true = draw_truth(np.random.default_rng(6), ROUGH, []).temperature_noise
     assert prepare(quiet).noise.standard_deviation == pytest.approx(np.hypot(true.white, true.correlated), rel=0.15)
     assert entry_of(one, "temperature") is None  # it is no part of a response, and none of a flight
