@@ -145,7 +145,7 @@ def _pieces(columns: Array, usual: list[_Usual], stuck: Mask) -> _Pieces:
     noises, jumps, cuts = [], [], [np.zeros(1, dtype=np.int64)]
     for values, rows, most in zip(columns, known, usual, strict=True):
         step, lag = np.abs(np.diff(values[rows], prepend=values[rows[0]])), np.diff(rows, prepend=rows[0])
-        noises.append(MAD_TO_SIGMA * median_filter(step, WINDOW_ROWS, mode="nearest"))
+        noises.append(MAD_TO_SIGMA * median_filter(step, WINDOW_ROWS, mode="mirror"))
         jumps.append(rows[step > CUT * np.maximum(most(lag), noises[-1])])
         cuts += [jumps[-1], rows[:1], rows[-1:] + 1]
     # where they are as near as that, they may change place without a jump

@@ -47,6 +47,13 @@ def test_however_long_a_log_with_dropouts_is_nothing_is_exchanged():
     assert not told.exchanged.any() and not told.unsure.any() and not told.degf.any()
 
 
+def test_columns_that_change_place_again_before_the_last_row_do():
+    """The jump into a log's last row was what is usual around it, since that row stood for those behind it."""
+    there = (ROW >= 900) & (ROW < ROW.size - 1)
+    told = held(columns(there), RESOLUTIONS)
+    assert np.array_equal(told.exchanged, there)
+
+
 def test_a_column_that_was_converted_to_fahrenheit_as_it_held_the_other_quantity_is_told():
     there, converted = (ROW >= 300) & (ROW < 700), (ROW >= 500) & (ROW < 900)
     log = columns(there)
