@@ -524,16 +524,29 @@ def _unseen_breaks(
     # a layer that is passed steadily is no jump of its temperature, nor one of its vapour
     bent = _off_a_line(air, around)
     silent = bent[rows] < KNOWN_SIGMAS * np.median(bent[around:-around])
+    at_s, size, up = time_s[rows], np.abs(sigmas), sigmas > 0.0
     jumped_s = np.zeros(0) if bead.jumps_s is None else bead.jumps_s
-    itself = silent | (np.abs(time_s[rows][:, None] - jumped_s) > APART_S).all(axis=1)
-    near = np.abs(time_s[rows][:, None] - time_s[rows]) <= memory_s
-    other = near & (sigmas[:, None] * sigmas < 0.0) & itself & itself[:, None] & (silent[:, None] | silent)
-    both = np.where(other, np.hypot(sigmas[:, None], sigmas), 0.0).max(axis=1)
-    alone = np.maximum(both, np.where(silent, np.abs(sigmas), 0.0)) >= JUMP_SIGMAS
+    begin, end = _those_near(jumped_s, at_s, APART_S)
+    itself = silent | (begin == end)
+    ends = np.stack(_those_near(at_s, at_s, memory_s), axis=1).ravel()
+
+    def opposite(some: Mask) -> Array:
+        # the largest of some that go the other way, of those that the film remembers
+        of_both = (np.where(some & (up != positive), size, 0.0) for positive in (True, False))
+        return np.where(up, *(np.maximum.reduceat(np.append(one, 0.0), ends)[::2] for one in of_both))
+
+    other = np.where(silent, opposite(itself), np.where(itself, opposite(silent), 0.0))
+    both = np.where(other > 0.0, np.hypot(size, other), 0.0)
+    alone = np.maximum(both, np.where(silent, size, 0.0)) >= JUMP_SIGMAS
     rows, way = rows[alone], np.sign(sigmas[alone])
     # what the film did by itself it shows at once
     broken[rows] = np.where(way * (found.clean[rows + at_once] - found.clean[rows]) > 0.0, way, 0.0)
     return broken
+
+
+def _those_near(times: Array, at: Array, apart: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The first of some times (n,) within so much of each of others (m,), and the first behind: (m,) both."""
+    return np.searchsorted(times, at - apart), np.searchsorted(times, at + apart, side="right")
 
 
 def _off_a_line(values: Array, around: int) -> Array:
