@@ -40,7 +40,7 @@ SMOOTHER = (
     "smooth_channel.TO_AND_FRO", "smooth_channel.LEAST_CALM",
     "smooth_channel.PLACES_IN_GAP", "smooth_channel.COMPARABLE_SHARE", "smooth_channel.MOST_SURPRISE",
     "stretches.LEAST_TURNED",
-    "stretches.FELT_SHARE", "sweep.GAP_NODES", "screen.FELT_SIGMAS", "screen.ON_THE_WAY",
+    "stretches.FELT_SHARE", "sweep.GAP_NODES", "screen.FELT_SIGMAS", "screen.ON_THE_WAY", "screen.STOOD_SHARE",
     "swings.FEWEST_SWINGS", "swings.SHORTEST_S", "swings.OUT_OF_BINS", "swings.LINE_BINS", "swings.TOLD_LOG_ODDS",
     "swings.MEANS_IN_SWING", "humidity_channel.SHOWN_SHARES",
     "stretches.LEFT_SHARE", "unread.SLOPE_BLOCKS", "unread.FEWEST_BLOCKS", "unread.MOVED_SIGMAS", "unread.SURE_SIGMAS",
@@ -62,6 +62,7 @@ CAUSES = {
 MOVED = ("sun bursts", "icing", "fan failure")
 FLOWN = ("convective", "door, in and out", "missing samples", "absurd samples", *MOVED, *CAUSES)
 DAMAGED = {name: [name] for name in ("swapped", "fahrenheit", "burst", "coarse", "gaps", "stuck", "clipped")}
+DAMAGED["stuck among steps"] = ["stuck", "coarse"]
 DAMAGED["columns"] = ["swapped", "fahrenheit", "gaps", "sentinel_block"]
 LAG_S = 2.0
 

@@ -270,7 +270,7 @@ def correct_humidity(
             return film_response(part, at_c, stream, body).slower(0.0, unsure)
 
     response = None if air is None or respond is None else respond(air)
-    screened = _screened(flight, effects, noise, air, response, ~_unread(bead, time_s))
+    screened = _screened(flight, effects, noise, air, response, bead)
     if part is None or too_few(screened):
         why = lacking(part, "humidity", raw, RANGES["humidity_reading_percent"])
         return untouched("humidity", raw, screened, why, notes)
@@ -403,10 +403,11 @@ def _screened(
     noise: float,
     air: Array | None,
     response: LagResponse | None,
-    known: Mask,
+    bead: FlightChannel,
 ) -> Screened:
-    """The film's readings judged; what lags is their vapour at the `air`'s temperature, where that is `known` (n,)."""
+    """The film's readings judged; what lags is their vapour at the `air`'s temperature, where that was read."""
     raw, time_s = flight.humidity_percent, flight.time_s
+    sigma = bridged(time_s, bead.uncertainty)
     period = typical_period(time_s)
     return screen(
         time_s,
@@ -418,7 +419,8 @@ def _screened(
         share=1.0 if response is None else largest_share(response, period),
         swing=LIKELY_RANGES["swing_percent"].high,
         lagging=None if air is None else raw * saturation_pressure_hpa(air) / saturation_pressure_hpa(REFERENCE_C),
-        known=known,
+        known=~_unread(bead, time_s),
+        unsure=None if air is None or sigma is None else _steepness(air) * sigma,
     )
 
 

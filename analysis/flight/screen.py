@@ -19,7 +19,7 @@ from scipy.special import bdtrc
 
 from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
 from shockrig.analysis.flight.columns import held
-from shockrig.analysis.flight.stretches import FARTHEST_SWINGS, FELT_SHARE, Felt, judge, scatter, within
+from shockrig.analysis.flight.stretches import BY_CHANCE, FARTHEST_SWINGS, FELT_SHARE, Felt, judge, scatter, within
 from shockrig.analysis.flight.sweep import COARSE_IN_NOISE
 from shockrig.files.flight import Flight
 from shockrig.files.numbers import counted
@@ -131,6 +131,7 @@ FEWEST_ROWS = 6  # that go on from a step of the clock; fewer are out of place
 FEWEST_CHANGES = 8  # of a reading, to judge the steps of its log by
 CAPPED_SHARE = 0.02  # of the rows, that hold the largest reading and the one before it as well
 FEWEST_CAPPED = 10
+STOOD_SHARE = 1 / 3  # of a step of what lags, over rows in which its readings stand
 CEILING_SIGMAS = 5.0  # of chance, that a highest step is held longer
 # of the readings; fewer levels tell a log's step no better than those that occur once:
 REPEATED_SHARE = 0.5
@@ -301,6 +302,7 @@ def screen(
     swing: float = np.inf,
     lagging: Array | None = None,
     known: Mask | None = None,
+    unsure: Array | None = None,
     felt: Felt | None = None,
 ) -> Screened:
     """Judge one channel's readings, rows in order.
@@ -308,8 +310,8 @@ def screen(
     `possible` is what a reading can be; `limit` is a ceiling at which the sensor clips; `stale` marks rows (n,)
     that are known to repeat the one before; `share` is the most of a step of the air that the sensor shows between two
     rows, `swing` the most that the air goes and comes back within two rows, `lagging` (n,) what lags where it is not
-    the reading itself, and `known` the rows where that is no guess, `felt` what another sensor felt of the same air at
-    once.
+    the reading itself, and `known` the rows where that is no guess, `unsure` (n,) its relative standard uncertainty,
+    `felt` what another sensor felt of the same air at once.
     """
     missing = ~np.isfinite(reading)
     implausible = ~missing & ((reading < possible.low) | (reading > possible.high))
@@ -342,7 +344,7 @@ def screen(
         # the log's steps are those of its readings, and a code is on none of them
         rest = screen(
             time_s, np.where(believed, reading, np.nan), possible, noise, limit=limit, stale=stale, share=share,
-            swing=swing, lagging=lagging, known=known, felt=felt,
+            swing=swing, lagging=lagging, known=known, unsure=unsure, felt=felt,
         )  # fmt: skip
         return replace(rest, missing=missing, implausible=implausible | rest.implausible)
     repeated = np.zeros(reading.shape, dtype=bool)
@@ -352,7 +354,7 @@ def screen(
     # where the resolution is coarser than the noise, equal neighbours are the rule and each tells something
     repeated[rows] = same_time | (same_value & (resolution < 1.5 * noise) & (not by_steps))
     usable = believed & ~(repeated & ~_by_chance(reading, rows, same_time, same_value, resolution))
-    stuck = stretches.stood if by_steps else stretches.stood | stretches.stuck
+    stuck = stretches.stood | stretches.stuck
     usable &= ~stuck
     repeated |= stuck
     if stale is not None:
@@ -367,6 +369,10 @@ def screen(
     if limit is not None:
         capped = believed & (reading >= limit - 0.5 * resolution)
         usable &= ~capped
+    if surely is not None:
+        off = np.zeros(rows.size) if unsure is None else unsure[rows]
+        dead = _moved_beside(reading[rows], surely[rows], off, share, resolution) & ~capped[rows]
+        repeated[rows[dead]], usable[rows[dead]] = True, False
     # over a step of the clock the air went anywhere
     ahead = np.diff(time_s, prepend=time_s[:1])
     changed = np.where(ahead < LONGEST_GAP_S, stretches.own_steps, 0.0)
@@ -514,6 +520,31 @@ def _hides(values: Array, lagging: Array, resolution: float) -> bool:
     np.minimum.at(low, number, lagging[top])
     np.maximum.at(high, number, lagging[top])
     return float(np.median((high - low)[number])) > SPIKE_STEPS * resolution
+
+
+def _moved_beside(values: Array, lagging: Array, unsure: Array, share: float, resolution: float) -> Mask:
+    """Readings (n,) that stand on a step while what is `lagging` (n,), relative to that `unsure`, would have had to
+    move for that so often that they do not by chance.
+
+    A reading crosses as many steps as it goes in all, to and fro. Within as many rows as a sensor shows `STOOD_SHARE`
+    of a step in, if it shows `share` in one, what lags goes on as before and behind them.
+    """
+    rows = max(int(np.log(1.0 - STOOD_SHARE) / np.log(1.0 - share)), 1) if 0.0 < share < 1.0 else 1
+    known, begins = np.isfinite(lagging), np.flatnonzero(np.abs(np.diff(values, prepend=np.inf)) > 0.25 * resolution)
+    if values.size <= 3 * rows or not resolution or not known.any():
+        return np.zeros(values.size, dtype=bool)
+    number = np.cumsum(np.bincount(begins, minlength=values.size)) - 1
+    tiny = np.finfo(float).tiny
+    log = np.interp(np.arange(values.size), np.flatnonzero(known), np.log(np.maximum(lagging[known], tiny)))
+    steps, ends = values / resolution, np.arange(values.size - 3 * rows)[:, None] + rows * np.arange(4)
+    before, moved, behind = np.diff(log[ends], axis=1).T
+    gone, off = moved - 0.5 * (before + behind), np.median(unsure[ends], axis=1)
+    gone = steps[ends[:, 1]] * np.sqrt(np.maximum(gone**2 - off**2, 0.0))
+    counts = (number[ends[:, 0]] == number[ends[:, 3]]) & known[ends].all(axis=1)
+    crossed = np.bincount(number[ends[:, 0]], np.where(counts, np.minimum(gone, 1.0), 0.0) / rows, begins.size)
+    most, least = (of.reduceat(log, begins) for of in (np.maximum, np.minimum))
+    crossed[steps[begins] * (most - least) < 1.0] = 0.0
+    return np.asarray(crossed[number] > -np.log(BY_CHANCE))
 
 
 def stairs(values: Array, resolution: float, noise: float = np.inf) -> bool:

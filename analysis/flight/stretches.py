@@ -17,6 +17,7 @@ from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d, uni
 
 from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
 from shockrig.analysis.flight.response import LagResponse
+from shockrig.analysis.flight.sweep import COARSE_IN_NOISE
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -295,7 +296,7 @@ def scatter(values: Array, window: int = WINDOW_ROWS) -> Array:
 def _scatter(values: Array, order: int, window: int) -> Array:
     """Robust standard deviation (n,) of the differences of some order in the rows around each."""
     size = np.abs(np.diff(values, n=order))
-    around = MAD_TO_SIGMA * median_filter(size, window, mode="nearest")
+    around = MAD_TO_SIGMA * median_filter(size, window, mode="mirror")
     ahead = (values.size - around.size) // 2
     return np.pad(around, (ahead, values.size - around.size - ahead), mode="edge")
 
@@ -466,25 +467,29 @@ def _as_felt(felt: Felt, rows: NDArray[np.int64], resolution: float) -> Callable
 
 
 def stuck_rows(values: Array, resolution: float, noise: float, scatter: Array) -> Mask:
-    """Rows in stretches that stay within `STUCK_LEVELS` steps of a level for longer than the noise could by chance.
+    """Rows in stretches that stay on a level, or within `STUCK_LEVELS` steps of one, for longer than the noise could by
+    chance.
 
     The noise is the least of what is stated and what the flight's quieter stretches show where they do move: a calm
-    layer is no stuck sensor.
+    layer is no stuck sensor. Of readings that do so nowhere nothing tells how noisy they are, nor of those on coarser
+    steps how seldom they leave one.
     """
     stuck = np.zeros(values.size, dtype=bool)
-    if resolution == 0.0:
-        return stuck
-    band = 2.0 * STUCK_LEVELS * resolution
     spread = maximum_filter1d(values, WINDOW_ROWS) - minimum_filter1d(values, WINDOW_ROWS)
-    moving = scatter[spread > 1.001 * band]
-    own = min(noise, float(np.quantile(moving, 0.1))) if moving.size else noise
-    least = fewest_by_chance(STUCK_LEVELS * resolution, own)
-    if least > values.size // 2:
+    moving = scatter[spread > 2.001 * STUCK_LEVELS * resolution]
+    if resolution == 0.0 or not moving.size:
         return stuck
-    half = int(least) // 2
-    narrow = maximum_filter1d(values, 2 * half + 1) - minimum_filter1d(values, 2 * half + 1) < 1.001 * band
-    narrow[:half] = narrow[values.size - half :] = False
-    return np.asarray(maximum_filter1d(narrow, 2 * half + 1))
+    own = min(noise, float(np.quantile(moving, 0.1)))
+    for levels, near in ((0.0, 0.5), (2.0 * STUCK_LEVELS, STUCK_LEVELS))[resolution > COARSE_IN_NOISE * own :]:
+        least = fewest_by_chance(near * resolution, own)
+        if least > values.size // 2:
+            continue
+        half = int(least) // 2
+        apart = maximum_filter1d(values, 2 * half + 1) - minimum_filter1d(values, 2 * half + 1)
+        narrow = apart < (levels + 1e-3) * resolution
+        narrow[:half] = narrow[values.size - half :] = False
+        stuck |= maximum_filter1d(narrow, 2 * half + 1)
+    return stuck
 
 
 def fewest_by_chance(size: float, noise: float) -> float:

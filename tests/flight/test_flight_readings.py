@@ -14,7 +14,7 @@ from shockrig.analysis.flight.simulated.scenes import to_flight
 from shockrig.analysis.flight.simulated.sensor import fly
 from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.flight.simulated.weather import convective, frontal
-from shockrig.analysis.flight.stretches import Felt, largest_share
+from shockrig.analysis.flight.stretches import Felt, largest_share, scatter, stuck_rows
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.profile import StatedEffect, Uncertain
 from shockrig.files.ranges import RANGES
@@ -198,6 +198,33 @@ def test_a_film_that_stood_while_the_temperature_moved_is_not_believed_up_to_its
     found = screen(0.1 * row, reading, RANGES["humidity_reading_percent"], 0.06, share=0.1, swing=30.0, lagging=vapour)
     assert found.usable[:290].all() and found.usable[600:].all()
     assert found.usable[400:600].any() == (warming_k == 0.0) and found.repeated[400:600].all() == (warming_k > 0.0)
+
+
+@pytest.mark.parametrize("stuck", [True, False])
+def test_a_film_that_stands_on_a_step_while_the_temperature_goes_to_and_fro_is_stuck(stuck):
+    """No jump ends the stand, and steps are coarser than noise: how often the reading would have crossed one tells."""
+    rng, row = np.random.default_rng(4), np.arange(1800)
+    warmth = np.cumsum(rng.standard_normal(1800)) * 0.1
+    warmth -= np.convolve(np.pad(warmth, 50, mode="edge"), np.ones(101) / 101, mode="valid")
+    film = 46.0 * np.exp(-0.06 * warmth)
+    film[600:1200] = film[600] if stuck else 46.0 + 0.05 * rng.standard_normal(600)
+    if not stuck:
+        warmth[600:1200] = 0.0
+    reading = np.round(film / 0.5) * 0.5
+    vapour = reading * np.exp(0.06 * warmth)
+    found = screen(0.1 * row, reading, RANGES["humidity_reading_percent"], 0.06, share=0.1, swing=30.0, lagging=vapour)
+    assert found.repeated[610:1190].all() == stuck and found.usable[610:1190].all() != stuck
+    assert found.usable[:590].mean() > 0.95 and found.usable[1210:].mean() > 0.95
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.002])
+def test_readings_that_stay_on_one_level_are_stuck_sooner_than_those_that_dither_about_one(noise):
+    """Of steps as fine as the noise the next reading seldom is on the same one; of coarser steps nobody knows."""
+    row = np.arange(600)
+    reading = np.round(20.0 + 0.3 * np.sin(row / 8.0) + noise * np.random.default_rng(5).standard_normal(600), 2)
+    reading[300:330] = reading[300]
+    stuck = stuck_rows(reading, 0.01, 0.01, scatter(reading))
+    assert stuck[300:330].all() == (noise == 0.01) and not stuck[:299].any() and not stuck[331:].any()
 
 
 @pytest.mark.parametrize("cooling_k", [6.0, 0.0])
