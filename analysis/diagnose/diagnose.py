@@ -31,7 +31,7 @@ from shockrig.analysis.diagnose.grammar import stated
 from shockrig.analysis.diagnose.prepare import Prepared, likelier_average, prepare, with_rounding
 from shockrig.analysis.diagnose.refitting import with_rates_alike
 from shockrig.analysis.diagnose.remainder import Tolerance, describe, measure_remainder
-from shockrig.analysis.diagnose.restless import bursts, without_hum
+from shockrig.analysis.diagnose.restless import bursts, without_hums
 from shockrig.analysis.diagnose.search import Earlier, Rated, Search, first_look, search
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.diagnose.verdict import Standing, verdict
@@ -209,8 +209,8 @@ def diagnose_channel(
     findings : iterable of InputFinding
         What the checks of the input say: a verdict of `adequate` cannot stand against one that parts the runs.
     """
-    channel, hum = without_hum(channel)
-    ready = prepare(channel) if ready is None or hum is not None else ready
+    channel, hums = without_hums(channel)
+    ready = prepare(channel) if ready is None or hums else ready
     progress(f"{channel.name}: searching for what explains it")
     ready, found = _searched(channel, ready, earlier, describing)
     problem = ready.problem
@@ -225,7 +225,7 @@ def diagnose_channel(
     matters = remainder.significant and remainder.material
     causes = _causes(ready, found, final)
     forms = stated(problem, found, final)
-    restless = (bursts(problem.channel, ready.noise, remainder.tolerance), hum)
+    restless = (bursts(problem.channel, ready.noise, remainder.tolerance), *hums)
     shown = (*ready.shown, *(one for one in restless if one is not None))
     parted = [f for f in findings if f.kind == PARTED and f.channel in (None, channel.name)]
     unsettled = mostly_unsettled(channel)

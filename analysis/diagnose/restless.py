@@ -1,11 +1,12 @@
 """What single readings do all along, with no part in the response: a hum and bursts, described from the plateaus.
 
-A hum has one frequency, and a phase and a size of its own in each run. A slow one has to be seen in every condition.
+A hum has one frequency, and a phase and a size of its own in each run. A slow one is in phase before and
+after a transfer: the end of a response, or what wanders, is not.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,6 @@ from numpy.typing import NDArray
 from scipy import special
 from scipy.optimize import minimize_scalar
 
-from shockrig.analysis.diagnose.grammar import levels
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.estimate.channel import Channel, rebin
 from shockrig.analysis.estimate.noise import Noise, estimate_noise
@@ -33,11 +33,13 @@ FINE_FACTOR = 12  # times as many around the one that stands out
 BESIDE_WIDTHS = 3  # widths of a line, which are not taken for the noise beside it
 AROUND_WIDTHS = 40  # widths of a line, which are
 CLIPPED_SIGMAS = 2.0  # robust standard deviations: no sine goes there, and a burst is not to hide where it is
-LEFT_OUT_SIGMAS, LEAST_LEFT = 3.0, 1e-9  # robust standard deviations of a burst, and what is rounding [unit]
+LEFT_OUT_SIGMAS = 3.0  # robust standard deviations of a burst: no sine goes there
+LEAST_LEFT, TINY = 1e-9, 1e-300  # what is rounding [unit], and what is nothing
 BURST_SIGMAS = 5.5  # standard deviations from which on a reading belongs to a burst
 A_HANDFUL, EXPECTED_SHARE = 1.5, 3e-4  # readings that are absurd in real logs, and their share
-NEAR_TURN, LEAST_READINGS = 0.3, 8  # of a turn over a run; of a plateau that tells a swing
-FEWEST_PLATEAUS = 4  # plateaus of a condition that is held out; twice as many tell a hum
+NEAR_TURN, FEWEST_TURNS = 0.3, 2.0  # over a run: of a turn, within which swings keep step; turns that tell a swing
+LEAST_READINGS = 8  # of a plateau that tells a swing
+FEWEST_PLATEAUS = 4  # twice as many tell a hum
 
 
 @dataclass(frozen=True)
@@ -47,43 +49,73 @@ class _Plateau:
     value: Array
 
 
-def whole_conditions(channel: Channel) -> Iterator[NDArray[np.bool_]]:
-    """The runs (R,) of each condition that a finding may be tried on."""
-    for own in levels(channel).values():
-        yield from (own == one for one in np.unique(own))
-    if channel.jumps_with_air and channel.isothermal.any() and (~channel.isothermal).any():
-        yield from (~channel.isothermal, channel.isothermal)
+@dataclass(frozen=True)
+class _Hum:
+    """A hum: how likely noise alone is one, its frequency [Hz], a channel without it, and what is stated of it."""
+
+    chance: float
+    frequency_hz: float
+    quiet: Channel
+    stated: Discovered
 
 
-def without_hum(channel: Channel) -> tuple[Channel, Discovered | None]:
-    """A channel with a hum taken out of its readings, and the hum; the channel as it is where none is certain.
+def without_hums(channel: Channel) -> tuple[Channel, tuple[Discovered, ...]]:
+    """A channel with each hum that is certain taken out of its readings, one after the other, and these hums."""
+    found: list[_Hum] = []
+    while (one := _certain_hum(channel)) is not None:
+        channel = one.quiet
+        found.append(one)
+    hums = (one for place, one in enumerate(found) if not any(_is_overtone(channel, one, of) for of in found[:place]))
+    return channel, tuple(one.stated for one in hums)
 
-    A hum is looked for from the lowest frequency that a plateau shows: as the line that stands out most beside the
-    spectrum around it, and then out of the noise as it is estimated once the line is gone, which cannot imitate it.
+
+def _is_overtone(channel: Channel, one: _Hum, of: _Hum) -> bool:
+    """Whether a hum is another one's overtone, as a swing that is no sine has some, also as the sampling folds it."""
+    seen = np.array([one.frequency_hz, 1.0 / channel.sampling_period_s - one.frequency_hz])
+    times = np.round(seen / of.frequency_hz)
+    return bool((np.abs(seen - times * of.frequency_hz) < _in_turn(channel, NEAR_TURN)).any())
+
+
+def _certain_hum(channel: Channel) -> _Hum | None:
+    """The hum in a channel's readings that is most certain; None where none is.
+
+    A hum is looked for from the lowest frequency that a run shows: as the line that stands out most beside the spectrum
+    around it, or, where it is slower than a plateau tells, as the swing that fits both plateaus of all runs best; and
+    then out of the noise as it is estimated once the line is gone, which cannot imitate it.
     """
     pieces = [p for p in plateaus(channel) if _spread(p.value) > 0.0]  # one that mostly repeats a value has no spectrum
-    line_hz = _highest_line(channel, pieces) if len(pieces) >= 2 * FEWEST_PLATEAUS else None
-    if line_hz is None:
-        return channel, None
-    frequency = _in_step(channel, line_hz)
-    swings, *sizes = zip(*(_swing(*run, channel.sampling_period_s, frequency) for run in channel.samples), strict=True)
-    square, by_noise, _ = np.array(sizes)
+    if len(pieces) < 2 * FEWEST_PLATEAUS:
+        return None
+    period_s = channel.sampling_period_s
+    ends = [_ends_of(time, value, plateaus_of(time, period_s)) for time, value in channel.samples]
+    looks = float(np.mean([piece.value.size for piece in pieces]))
+    line_hz, swing_hz = _highest_line(channel, pieces), _best_swing(channel, ends, pieces)
+    found = [_taken_out(channel, ends, hz, looks) for hz in (line_hz, swing_hz) if hz is not None]
+    best = min((one for one in found if one is not None), key=lambda one: one.chance, default=None)
+    return best if best is not None and best.chance <= LEAST_P_VALUE**2 else None
+
+
+def _taken_out(channel: Channel, ends: Sequence[_Ends], near_hz: float, looks: float) -> _Hum | None:
+    """What swings with a frequency near one; None where nothing is seen."""
+    frequency = _in_step(channel, ends, near_hz)
+    swings = [_swing(one, frequency) for one in ends]
+    both, left = np.array([one for one, _ in swings]), np.array([left for _, left in swings])
+    square = (both**2).sum(axis=1)
+    by_noise = 4.0 * left / np.array([one.value.size for one in ends]) ** 2
     seen = square > SEEN_SQUARE * by_noise
     if not seen.any():
-        return channel, None
+        return None
     size = float(np.sqrt(np.median((square - by_noise)[seen])))
-    samples = [(time, value - swing) for (time, value), swing in zip(channel.samples, swings, strict=True)]
+    runs = zip(channel.samples, both, strict=True)
+    samples = [(time, value - _columns(time, frequency) @ one) for (time, value), one in runs]
     quiet = rebin(channel, samples, channel.bin_of, channel.die_samples, 1)
     noise = estimate_noise(quiet, rounding_step(quiet) or channel.quantity.resolution)
-    power, expected = float(_amplitudes(pieces, np.array([frequency]))[0].sum()), 0.0
-    for piece in pieces:
-        gamma = noise.autocovariance(piece.value.size)
-        lag = np.arange(gamma.size)
-        weight = np.where(lag == 0, 1.0, 2.0) * (gamma.size - lag)
-        usual = float((weight * gamma * np.cos(2.0 * np.pi * frequency * lag * channel.sampling_period_s)).sum())
-        expected += 4.0 * max(usual, 1e-300) / piece.value.size**2
-    looks = sum(piece.value.size for piece in pieces) / len(pieces)
-    chance = float(special.gammaincc(len(pieces), power / expected * len(pieces))) * looks
+    gamma = noise.autocovariance(int(np.median([one.value.size for one in ends])))
+    lag = np.arange(gamma.size)
+    usual = gamma * np.where(lag == 0, 1.0, 2.0) * (1.0 - lag / gamma.size)
+    density = float((usual * np.cos(2.0 * np.pi * frequency * lag * channel.sampling_period_s)).sum())
+    taken = sum(one.square - rest for one, rest in zip(ends, left, strict=True))
+    chance = looks * float(special.gammaincc(len(ends), 0.5 * taken / max(density, TINY)))
     # Cramer and Rao over the length of whole runs (Rife and Boorstyn 1974, doi 10.1109/TIT.1974.1055282).
     span_s = float(np.median([time[-1] - time[0] for time, _ in channel.samples]))
     u = np.sqrt(1.5 / (1.0 / by_noise[seen]).sum()) / (np.pi * size * span_s)
@@ -94,7 +126,18 @@ def without_hum(channel: Channel) -> tuple[Channel, Discovered | None]:
         size=EffectSize(size, float(np.sqrt(square).std(ddof=1) / np.sqrt(square.size)), channel.quantity.unit),
         probability=1.0,
     )
-    return (channel, None) if chance > LEAST_P_VALUE**2 else (quiet, hum)
+    return _Hum(chance, frequency, quiet, hum)
+
+
+def _in_phase_by_chance(channel: Channel, frequency_hz: float) -> float:
+    """How likely the plateaus before and after the transfers swing so much in phase where they are not one swing: what
+    wanders, or is the end of a response, has phases of its own on either side."""
+    turned = []
+    for time, value in channel.samples:
+        parts = plateaus_of(time, channel.sampling_period_s)
+        before, after = (_swing(_ends_of(time, value, (part,)), frequency_hz)[0] @ (1.0, 1j) for part in parts)
+        turned.append(np.cos(np.angle(before * np.conj(after))) if before * after != 0.0 else 0.0)
+    return float(special.ndtr(-np.sqrt(2.0 * len(turned)) * np.mean(turned)))
 
 
 def plateaus_of(time: Array, period_s: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -115,39 +158,75 @@ def plateaus(channel: Channel) -> Iterator[_Plateau]:
                 yield _Plateau(run, t[early], (y - np.polyval(np.polyfit(t, y, 2), t))[early])
 
 
-def _in_step(channel: Channel, frequency_hz: float) -> float:
-    """The frequency [Hz] near one for which the two plateaus of each run fit one swing best."""
-    spans = [time[-1] - time[0] for time, _ in channel.samples]
+@dataclass(frozen=True)
+class _Ends:
+    """A run's plateaus: their times (m,) [s], a bend of each as columns (m, K), what these leave of the readings (m,),
+    and the square of that; without bursts."""
 
-    def left(trial_hz: float) -> float:
-        return sum(_swing(*run, channel.sampling_period_s, trial_hz)[3] for run in channel.samples)
+    time_s: Array
+    bends: Array
+    value: Array
 
-    around = NEAR_TURN / float(np.median(spans))  # where the two plateaus of a run keep step
-    ends = (frequency_hz - around, frequency_hz + around)
-    return float(minimize_scalar(left, bounds=ends, method="bounded", options={"xatol": 1e-7}).x)
+    @property
+    def square(self) -> float:
+        return float(self.value @ self.value) + self.value.size * LEAST_LEFT**2
 
 
-def _swing(time: Array, value: Array, period_s: float, frequency_hz: float) -> tuple[Array, float, float, float]:
-    """The sinusoid of a frequency in a run's readings (n,), of one size and phase, from its two plateaus, with a bend
-    of each; the square of its amplitude, the mean of that in noise alone, and the square of what it leaves of them."""
-    parts = [part for part in plateaus_of(time, period_s) if part.sum() > LEAST_READINGS]
-    if not parts:
-        return np.zeros(time.size), 0.0, np.inf, 0.0
-    turn = 2.0 * np.pi * frequency_hz * time
-    swing = np.stack([np.sin(turn), np.cos(turn)], axis=1)
-    columns, rows = [], np.concatenate([value[part] for part in parts])
+def _ends_of(time: Array, value: Array, plateaus: Sequence[NDArray[np.bool_]]) -> _Ends:
+    parts = [np.flatnonzero(part) for part in plateaus if part.sum() > LEAST_READINGS]
+    bends, left = np.zeros((time.size, 3 * len(parts))), np.zeros(time.size)
+    calm = []
     for place, part in enumerate(parts):
-        t = time[part] - time[part].mean()
-        bend = np.zeros((t.size, 3 * len(parts)))
-        bend[:, 3 * place : 3 * place + 3] = np.stack([np.ones(t.size), t, t**2], axis=1)
-        columns.append(np.hstack([swing[part], bend]))
-    design = np.vstack(columns)
-    both, *_ = np.linalg.lstsq(design, rows, rcond=None)
-    rest = rows - design @ both
-    calm = np.abs(rest) <= LEFT_OUT_SIGMAS * _spread(rest) + LEAST_LEFT  # bursts are not its size
-    both, *_ = np.linalg.lstsq(design[calm], rows[calm], rcond=None)
-    left = float((rest**2).sum()) + rest.size * LEAST_LEFT**2
-    return np.asarray(swing @ both[:2]), float(both[:2] @ both[:2]), 4.0 * left / rest.size**2, left
+        for _ in range(2):  # a burst is not to bend what is left beside it
+            own = np.linalg.qr(np.vander(time[part] - time[part].mean(), 3))[0]
+            left[part] = value[part] - own @ (own.T @ value[part])
+            near = np.abs(left[part] - np.median(left[part])) <= LEFT_OUT_SIGMAS * _spread(left[part]) + LEAST_LEFT
+            bends[part, 3 * place : 3 * place + 3], last, part = own, part, part[near]
+        calm.append(last)
+    rows = np.concatenate(calm) if calm else np.zeros(0, dtype=int)
+    return _Ends(time[rows], bends[rows], left[rows])
+
+
+def _columns(time: Array, frequency_hz: float) -> Array:
+    turn = 2.0 * np.pi * frequency_hz * time
+    return np.stack([np.sin(turn), np.cos(turn)], axis=1)
+
+
+def _swing(ends: _Ends, frequency_hz: float) -> tuple[Array, float]:
+    """The sine and cosine (2,) of a frequency that fit a run's plateaus best beside their bends, and the square of what
+    they leave."""
+    swing = _columns(ends.time_s, frequency_hz)
+    beside = swing - ends.bends @ (ends.bends.T @ swing)
+    both = np.linalg.lstsq(beside, ends.value, rcond=None)[0]
+    rest = ends.value - beside @ both
+    return np.asarray(both), float(rest @ rest) + rest.size * LEAST_LEFT**2
+
+
+def _left(ends: Sequence[_Ends], frequency_hz: float) -> float:
+    return sum(_swing(one, frequency_hz)[1] for one in ends)
+
+
+def _in_step(channel: Channel, ends: Sequence[_Ends], frequency_hz: float) -> float:
+    """The frequency [Hz] near one for which the two plateaus of each run fit one swing best."""
+    around = _in_turn(channel, NEAR_TURN)  # where the two plateaus of a run keep step
+    within = (frequency_hz - around, frequency_hz + around)
+    found = minimize_scalar(lambda hz: _left(ends, hz), bounds=within, method="bounded", options={"xatol": 1e-7})
+    return float(found.x)
+
+
+def _in_turn(channel: Channel, turns: float) -> float:
+    """The frequency [Hz] of so many turns in a run."""
+    return turns / float(np.median([time[-1] - time[0] for time, _ in channel.samples]))
+
+
+def _best_swing(channel: Channel, ends: Sequence[_Ends], pieces: Sequence[_Plateau]) -> float | None:
+    """Frequency [Hz] of the swing that fits the runs' plateaus best, of those too slow for one plateau to tell; None
+    where there is none, or the plateaus before and after a transfer do not show it in phase."""
+    trials = np.arange(_in_turn(channel, FEWEST_TURNS), LINE_TURNS * _width(pieces), _in_turn(channel, NEAR_TURN))
+    if not trials.size:
+        return None
+    best_hz = _in_step(channel, ends, min(trials, key=lambda hz: _left(ends, hz)))
+    return best_hz if trials.size * _in_phase_by_chance(channel, best_hz) < LEAST_P_VALUE else None
 
 
 def _spread(values: Array) -> float:
@@ -155,7 +234,7 @@ def _spread(values: Array) -> float:
     return MAD_TO_SIGMA * float(np.median(np.abs(values - np.median(values))))
 
 
-def _amplitudes(pieces: list[_Plateau], frequency_hz: Array) -> tuple[Array, Array]:
+def _amplitudes(pieces: Sequence[_Plateau], frequency_hz: Array) -> tuple[Array, Array]:
     """Squared amplitudes (K, F) of sinusoids fitted to each plateau, and each one's variance (K,).
 
     The frequencies (F,) are evenly spaced: the first few, and leaps over as many, make all of them by a product.
@@ -176,22 +255,20 @@ def _amplitudes(pieces: list[_Plateau], frequency_hz: Array) -> tuple[Array, Arr
     return np.array(squares), np.array(noise)
 
 
-def _highest_line(channel: Channel, pieces: list[_Plateau]) -> float | None:
-    """Frequency [Hz] that stands out most in the plateaus' mean spectrum; None where they are too short for one, or it
-    is so slow that wandering looks alike, and not every condition shows the line that the others tell."""
-    width = 1.0 / float(np.median([p.time_s[-1] - p.time_s[0] for p in pieces]))
-    grid = np.arange(2.0 * width, 0.5 / channel.sampling_period_s, width / PER_WIDTH)
+def _width(pieces: Sequence[_Plateau]) -> float:
+    """Of a line in the plateaus' spectrum [Hz]."""
+    return 1.0 / float(np.median([p.time_s[-1] - p.time_s[0] for p in pieces]))
+
+
+def _highest_line(channel: Channel, pieces: Sequence[_Plateau]) -> float | None:
+    """Frequency [Hz] that stands out most in the plateaus' mean spectrum; None where they are too short for one."""
+    width = _width(pieces)
+    grid = np.arange(LINE_TURNS * width, 0.5 / channel.sampling_period_s, width / PER_WIDTH)
     if not grid.size:
         return None
     squares, _ = _amplitudes(pieces, grid)
-    power = squares / np.median(squares, axis=1, keepdims=True)
-    mean, run = power.mean(axis=0), np.array([p.run for p in pieces])
+    mean = (squares / np.median(squares, axis=1, keepdims=True)).mean(axis=0)
     highest = grid[int(np.argmax(mean / _beside(mean)))]
-    parts = [runs[run] for runs in whole_conditions(channel)] if highest < LINE_TURNS * width else []
-    for test in parts:
-        both = min(test.sum(), (~test).sum()) >= FEWEST_PLATEAUS
-        if both and not _stands_out(power[~test], power[test]):
-            return None
     near = np.arange(-PER_WIDTH * FINE_FACTOR, PER_WIDTH * FINE_FACTOR + 1) * width / (PER_WIDTH * FINE_FACTOR)
     own, variance = _amplitudes(pieces, highest + near)
     moves = variance > 0.0  # a plateau of which clipping leaves a single value says nothing
@@ -205,17 +282,6 @@ def _beside(power: Array) -> Array:
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1)
     keep = np.abs(np.arange(-reach, reach + 1)) > gap
     return np.asarray(np.median(windows[:, keep], axis=-1))
-
-
-def _stands_out(train: Array, test: Array) -> bool:
-    """Whether the line that is highest in some spectra (K, F) is one in others."""
-    mean = train.mean(axis=0)
-    at = int(np.argmax(mean / _beside(mean)))
-    of = test.mean(axis=0)
-    ratio = of[at] / _beside(of)[at]
-    # A mean of K spectra of noise is a chi-square of 2 K degrees; its median is a little below its mean.
-    count = test.shape[0]
-    return bool(special.gammaincc(count, ratio * special.gammaincinv(count, 0.5)) < LEAST_P_VALUE)
 
 
 def bursts(channel: Channel, noise: Noise, least: float) -> Discovered | None:

@@ -16,7 +16,6 @@ from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.grammar import forms, levels
 from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.diagnose.remainder import Tolerance
-from shockrig.analysis.diagnose.restless import whole_conditions
 from shockrig.analysis.diagnose.search import Race, search
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.behaviours import ONLY_BEFORE, ONLY_FROM, SCATTER, SPREAD, Form, form_of
@@ -359,14 +358,6 @@ def test_a_described_effect_is_extended_with_and_flown_within_what_was_seen(warm
     np.testing.assert_allclose(beyond.temperature_c, reading)
     inside = unseen([one], np.array([2.4, 12.5, 14.0, 1.0]), np.full(4, 20.0))
     assert inside.tolist() == [False, False, True, True]
-
-
-def test_conditions_are_held_out_whole(warm_rates):
-    channel = warm_rates.problem.channel
-    step, ambient = channel.quantity.step(channel.conditions), channel.conditions.destination_c
-    found = {tuple(runs) for runs in whole_conditions(channel)}
-    assert {tuple(step > 0), tuple(step < 0)} <= found
-    assert {tuple(np.abs(ambient - t) < 1.0) for t in channel.ambients_c} <= found
 
 
 @pytest.mark.trial

@@ -15,7 +15,7 @@ from shockrig.analysis.diagnose.grammar import forms
 from shockrig.analysis.diagnose.prepare import likelier_average, prepare
 from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.diagnose.remainder import Tolerance
-from shockrig.analysis.diagnose.restless import without_hum
+from shockrig.analysis.diagnose.restless import without_hums
 from shockrig.analysis.diagnose.search import Race, Search, search
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.behaviours import LAWS, MEAN, Form, laws_of
@@ -248,7 +248,7 @@ def test_a_mean_that_the_noise_denies_is_none_whatever_the_response_says(tmp_pat
 
 def test_a_hum_is_told_by_its_period_and_its_amplitude(humming):
     """And is no noise: what is left once it is out of the readings is as quiet as the sensor is without it."""
-    quiet, one = without_hum(humming)
+    quiet, (one,) = without_hums(humming)
     assert (one.behaves_as, one.driver, one.phase_rad) == ("periodic", "none", None)
     assert abs(one.period_s.value - 1.0 / HUM_HZ) < 5 * one.period_s.standard_uncertainty < 0.02
     assert one.size.value == pytest.approx(AMPLITUDE_K, rel=0.15)
@@ -262,14 +262,14 @@ def test_a_hum_is_told_by_its_period_and_its_amplitude(humming):
 
 def test_where_nothing_hums_the_readings_stay_as_they_are(late, both):
     for channel in (late[0].problem.channel, *both.values()):
-        quiet, hum = without_hum(channel)
-        assert hum is None and quiet is channel
+        quiet, hums = without_hums(channel)
+        assert hums == () and quiet is channel
 
 
 def test_the_bursts_of_a_hum_are_not_its_amplitude(tmp_path):
     """Eight seconds of a hundred are ten times as strong; the amplitude is that of the others."""
     numbers = {"amplitude": AMPLITUDE_K, "hum_hz": 1.2, "burst_share": 0.08}
-    _, hum = without_hum(channel_of(tmp_path, 6, [Hidden("unknown_interference", numbers, T)], small_plan()))
+    _, (hum,) = without_hums(channel_of(tmp_path, 6, [Hidden("unknown_interference", numbers, T)], small_plan()))
     assert hum.behaves_as == "periodic" and hum.size.value == pytest.approx(AMPLITUDE_K, rel=0.05)
 
 
