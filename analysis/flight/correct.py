@@ -32,7 +32,7 @@ from shockrig.analysis.flight.flight_channel import (
 from shockrig.analysis.flight.humidity_channel import correct_humidity, felt_by_film
 from shockrig.analysis.flight.inverse import exact_inverse, paper
 from shockrig.analysis.flight.response import bead_response, unsure_of_airspeed
-from shockrig.analysis.flight.screen import Screened, code_notes, screen, without_codes
+from shockrig.analysis.flight.screen import UNSURE, Screened, code_notes, screen, without_codes
 from shockrig.analysis.flight.screen import clock as put_in_order
 from shockrig.analysis.flight.smooth_channel import LONGEST_BRIDGE_S, Estimate, estimate, typical_period
 from shockrig.analysis.flight.stretches import felt_jumps, largest_share
@@ -128,7 +128,7 @@ def correct(
     """
     read, codes = (flight, {}) if method == "causal" else without_codes(flight)
     noise = temperature_noise_k, humidity_noise_percent
-    return correct_read(read, code_notes(codes), profile, method, cutoff_hz, *noise, lag_s)
+    return correct_read(read, code_notes(codes), profile, method, cutoff_hz, *noise, lag_s, codes.get(UNSURE))
 
 
 def correct_read(
@@ -140,8 +140,10 @@ def correct_read(
     temperature_noise_k: float | None,
     humidity_noise_percent: float | None,
     lag_s: float | None,
+    unsure: NDArray[np.bool_] | None = None,
 ) -> Corrected:
-    """What `correct` does with a flight that is `without_codes` by now; what is `said` of these is among the notes."""
+    """What `correct` does with a flight that is `without_codes` by now; what is `said` of these is among the notes, and
+    no value is filled in over rows (n,) of which it is `unsure` what was read: what they hold may refute it."""
     if method == "causal":
         return causal(flight, profile, lag_s or 0.0, temperature_noise_k, humidity_noise_percent)
     if method not in METHODS:
@@ -159,6 +161,8 @@ def correct_read(
     film, known, said = _humidity(part, profile, stream, around, bead, solve, cutoff_hz, humidity_noise_percent)
     notes.extend(said)
     bead, film = seen_by_film(part, bead, film, notes)
+    if unsure is not None:
+        bead, film = (one.given_nowhere(unsure[rows]) for one in (bead, film))
     bead, film = (one.as_it_changed(part.time_s, notes) for one in (bead, film))
     bead, film, widened = compared(part, bead, film, notes, known)
     slow_against_fast(part, bead, notes)

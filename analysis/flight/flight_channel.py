@@ -199,6 +199,12 @@ class FlightChannel:
         more = np.where(self.raw, 0.0, by)
         return replace(self, uncertainty=np.hypot(self.uncertainty, more), common=np.hypot(self.common, more))
 
+    def given_nowhere(self, rows: Mask) -> FlightChannel:
+        """The same without a value in some rows (n,)."""
+        of_value = (np.where(rows, np.nan, one) for one in (self.value, self.uncertainty, self.common))
+        value, uncertainty, common = of_value
+        return replace(self, value=value, uncertainty=uncertainty, common=common)
+
     def as_it_changed(self, time_s: Array, notes: list[str]) -> FlightChannel:
         """The same, as unsure as the sensor itself has changed: nothing tells when it was right."""
         if self.changed is None:
