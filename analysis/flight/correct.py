@@ -32,7 +32,7 @@ from shockrig.analysis.flight.flight_channel import (
 from shockrig.analysis.flight.humidity_channel import correct_humidity, felt_by_film
 from shockrig.analysis.flight.inverse import exact_inverse, paper
 from shockrig.analysis.flight.response import bead_response, unsure_of_airspeed
-from shockrig.analysis.flight.screen import UNSURE, Screened, code_notes, screen, without_codes
+from shockrig.analysis.flight.screen import DEGF, EXCHANGED, UNSURE, Screened, code_notes, screen, without_codes
 from shockrig.analysis.flight.screen import clock as put_in_order
 from shockrig.analysis.flight.smooth_channel import LONGEST_BRIDGE_S, Estimate, estimate, typical_period
 from shockrig.analysis.flight.stretches import felt_jumps, largest_share
@@ -126,9 +126,23 @@ def correct(
         Unknown method, no usable row, an effect without one of its parameters; RefusedError where an inverse is not
         stable.
     """
-    read, codes = (flight, {}) if method == "causal" else without_codes(flight)
+    read, codes = (flight, {}) if method == "causal" else of_both_columns(flight, profile)
     noise = temperature_noise_k, humidity_noise_percent
     return correct_read(read, code_notes(codes), profile, method, cutoff_hz, *noise, lag_s, codes.get(UNSURE))
+
+
+def of_both_columns(flight: Flight, profile: Profile) -> tuple[Flight, dict[str, NDArray[np.bool_]]]:
+    """The flight `without_codes`, and the rows (n,) of these; with its columns as they came where they seem to stand in
+    one another's place throughout: what is told of a part of them there is told of the other quantity."""
+    read, codes = without_codes(flight)
+    told = codes.keys() & {EXCHANGED, DEGF}
+    if told and slips(in_order(read)[0], profile):
+        came = {
+            name: np.where(np.isfinite(getattr(read, name)), getattr(flight, name), np.nan)
+            for name in ("temperature_c", "humidity_percent")
+        }
+        return replace(read, **came), {name: rows for name, rows in codes.items() if name not in told}
+    return read, codes
 
 
 def correct_read(

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.flight.correct import correct_read
+from shockrig.analysis.flight.correct import correct_read, of_both_columns
 from shockrig.analysis.flight.flight_channel import REMEMBERED_LAGS
 from shockrig.analysis.flight.response import bead_response, film_response
-from shockrig.analysis.flight.screen import UNSURE, code_notes, without_codes
+from shockrig.analysis.flight.screen import UNSURE, code_notes
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S, Stream
 from shockrig.files.disk import real_path
@@ -74,7 +74,7 @@ def correct_file(
     writer = _writer(target, layout, history)
     try:
         for rows, before, after, logged in _with_margins(source, layout, block_rows, _remembered_s(profile)):
-            flight, codes = without_codes(logged)
+            flight, codes = of_both_columns(logged, profile)
             noise, unsure = (temperature_noise_k, humidity_noise_percent), codes.get(UNSURE)
             found = correct_read(flight, (), profile, method, cutoff_hz, *noise, lag_s, unsure)
             own = slice(before, flight.time_s.size - after)

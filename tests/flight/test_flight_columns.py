@@ -101,6 +101,13 @@ def test_where_nothing_tells_which_is_which_no_value_that_cannot_be_comes_out():
     assert not any(found[channel]["outside"] for channel in fuzz.CHANNELS)
 
 
+def test_of_a_log_that_is_exchanged_throughout_no_part_is_read_as_degf():
+    """It was the humidity that stood there, and what came out as it came was another number."""
+    fuzz = benchmark("fuzz_flights")
+    found = fuzz.judged(202301, list(fuzz.DAMAGE))
+    assert not any(found[channel]["outside"] or found[channel]["no_reading"] for channel in fuzz.CHANNELS)
+
+
 def test_nothing_is_filled_in_over_rows_of_which_nothing_tells_what_they_hold():
     """Before: values up to 5 s from the rows that are sure, 17 K from either reading and stated to 0.03 K."""
     fuzz = benchmark("fuzz_flights")
