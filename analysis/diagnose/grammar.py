@@ -41,7 +41,6 @@ LEAST_RUNS = 8  # fewer say nothing of conditions that were held out
 MOST_RUNS = 250  # more take too much memory at once
 VARIED_AIRFLOW_RATIO, VARIED_STEP_RATIO = 1.2, 1.5  # ratios from which on a factor has varied
 AMBIENTS_K, LEVELS_PERCENT, PRESSURES = 3.0, 10.0, 0.03
-AIRFLOWS_APART = 0.06  # relative, of airflows that are one
 LEAST_DEW_K, LEAST_DEWED = 0.5, 3  # margin from which on dew falls, and runs in which it does
 LEAST_GROUP = 2  # runs on either side of a change, or of a group
 MOST_SCALES = 2  # conditions that scale one strength
@@ -121,21 +120,6 @@ def _uneven(conditions: Conditions) -> bool:
     if not np.isfinite(hours).all() or np.ptp(hours) == 0:
         return False
     return bool(np.corrcoef(hours, order)[0, 1] < ALL_BUT_ORDER)
-
-
-def levels(channel: Channel) -> dict[str, Array]:
-    """Level (R,) of each condition that the runs vary: those that share one had it alike."""
-    c, there = channel.conditions, varied(channel)
-    step = channel.quantity.step(c)
-    found = {
-        "airflow": np.exp(np.round(np.log(np.maximum(c.airflow_m_s, 0.05)) / AIRFLOWS_APART) * AIRFLOWS_APART),
-        "ambient": np.round(c.destination_c / 2.0) * 2.0,
-        "direction": np.sign(step),
-        "step": (np.abs(step) > 0.6 * np.abs(step).max()).astype(float),
-        "pressure": np.round(c.pressure_hpa / 20.0) * 20.0,
-        "run_order": (c.order > np.median(c.order)).astype(float),
-    }
-    return {name: level for name, level in found.items() if name in there and np.unique(level).size > 1}
 
 
 def scaling_factors(form: Form, channel: Channel) -> list[Factor]:

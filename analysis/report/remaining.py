@@ -15,7 +15,7 @@ from scipy import special
 from scipy.optimize import nnls
 
 from shockrig.analysis.diagnose.gain import HeldOut
-from shockrig.analysis.diagnose.grammar import levels
+from shockrig.analysis.diagnose.grammar import varied
 from shockrig.analysis.estimate.channel import FIRST_LOG_BIN_S, Channel, log_bins
 from shockrig.analysis.estimate.fit import Fit, left_at_common_rates
 
@@ -28,6 +28,7 @@ BOOTSTRAP_DRAWS = 24  # draws of the runs for the spectrum's band
 SEED = 11
 PARTS_BELOW = 1e-3  # chance below which a condition parts the courses
 LAGS_SHOWN = 20
+AIRFLOWS_APART = 0.06  # relative, of airflows that are one
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,21 @@ def remaining(channel: Channel, found: Fit) -> Remaining | None:
     spaced = [name.replace("_", " ") for name in varies]
     others = [name.replace("_", " ") for name in chances if name not in varies]
     return Remaining(tuple(courses), *spectrum(middle, shares, weight), tuple(spaced), tuple(others))
+
+
+def levels(channel: Channel) -> dict[str, Array]:
+    """Level (R,) of each condition that the runs vary: those that share one had it alike."""
+    c, there = channel.conditions, varied(channel)
+    step = channel.quantity.step(c)
+    found = {
+        "airflow": np.exp(np.round(np.log(np.maximum(c.airflow_m_s, 0.05)) / AIRFLOWS_APART) * AIRFLOWS_APART),
+        "ambient": np.round(c.destination_c / 2.0) * 2.0,
+        "direction": np.sign(step),
+        "step": (np.abs(step) > 0.6 * np.abs(step).max()).astype(float),
+        "pressure": np.round(c.pressure_hpa / 20.0) * 20.0,
+        "run_order": (c.order > np.median(c.order)).astype(float),
+    }
+    return {name: level for name, level in found.items() if name in there and np.unique(level).size > 1}
 
 
 def spectrum(time_s: Array, shares: Array, weight: Array) -> tuple[Array, Array, Array]:

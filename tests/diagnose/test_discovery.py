@@ -13,7 +13,7 @@ from small_worlds import record
 from shockrig.analysis.characterize.part_fit import extension_of
 from shockrig.analysis.diagnose.candidates import bare_forms, candidates, says_nothing
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
-from shockrig.analysis.diagnose.grammar import forms, levels
+from shockrig.analysis.diagnose.grammar import forms
 from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.diagnose.remainder import Tolerance
 from shockrig.analysis.diagnose.search import Race, search
@@ -28,7 +28,7 @@ from shockrig.analysis.estimate.problem import make_problem
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.undo_readout import unseen
 from shockrig.analysis.report.diagnosis_words import sentence
-from shockrig.analysis.report.remaining import remaining, spectrum
+from shockrig.analysis.report.remaining import levels, remaining, spectrum
 from shockrig.files.flight import Flight
 from shockrig.files.profile import Profile, TemperatureProfile, Uncertain, profile_document, profile_from_document
 from shockrig.rig.seams import Air
