@@ -13,15 +13,13 @@ from dataclasses import replace
 from shockrig.analysis.characterize.part_fit import (
     Extension,
     as_far_off,
-    choose_runs,
-    fit_part,
+    fit_parts,
     fitted_discovered,
     fitted_effects,
     joint_rows,
     make_part,
-    quick_part,
 )
-from shockrig.analysis.characterize.result import ChannelResult, Characterization, Part, TableRow, channel_result
+from shockrig.analysis.characterize.result import ChannelResult, Characterization, Part, channel_result
 from shockrig.analysis.checks.campaign_checks import checked
 from shockrig.analysis.estimate.effect import SingleReadings
 from shockrig.analysis.estimate.fit import fit
@@ -150,16 +148,7 @@ def characterize_channel(
         if effect.readout.rounded_to:
             rounding = effect.readout.rounded_to(extension.structure.held_values(effect.id))
             noise = noise.with_rounding(rounding)
-    groups, set_aside = choose_runs(whole, noise, extension)
-    rows: list[TableRow] = []
-    parts: list[Part] = []
-    for channel, models in groups:
-        fitted = quick_part if quickly else fit_part
-        part, found, undetermined = fitted(channel, noise, models, seed, rounding, say)
-        rows += found
-        set_aside += undetermined
-        if found:
-            parts.append(part)
+    parts, rows, set_aside = fit_parts(whole, noise, extension, seed, rounding, say, quickly)
     if not rows:
         raise _Unusable(why_none(set_aside))
     if whole.runs == 1 and parts[0].enlarged(noise) > 1.0 and (shown := by_itself(whole)) is not None:

@@ -231,13 +231,36 @@ def make_part(problem: Problem, found: Fit) -> Part:
     return Part(problem, widened(problem, found), rmse_over_samples(problem.channel, found))
 
 
+def fit_parts(
+    whole: Channel,
+    noise: Noise,
+    extension: Extension,
+    seed: int = 0,
+    rounding: float = 0.0,
+    say: Callable[[str], None] = lambda _: None,
+    quickly: bool = True,
+) -> tuple[list[Part], list[TableRow], list[LeftOut]]:
+    """Fits of all runs that determine anything, those together that may be; their rows, and runs set aside."""
+    groups, set_aside = choose_runs(whole, noise, extension)
+    parts: list[Part] = []
+    rows: list[TableRow] = []
+    for channel, models in groups:
+        fitted = quick_part if quickly else fit_part
+        part, found, undetermined = fitted(channel, noise, models, seed, rounding, say)
+        rows += found
+        set_aside += undetermined
+        if found:
+            parts.append(part)
+    return parts, rows, set_aside
+
+
 def quick_part(
     channel: Channel,
     noise: Noise,
     models: Mapping[str, Extension],
-    seed: int = 0,
-    rounding: float = 0.0,
-    say: Callable[[str], None] = lambda _: None,
+    seed: int,
+    rounding: float,
+    say: Callable[[str], None],
 ) -> tuple[Part, list[TableRow], list[LeftOut]]:
     """As `fit_part`, from a rough scan of the rates in place of the two optimisers."""
     problem = make_problem(channel, whiteners(channel, noise), rounding=rounding)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from shockrig.analysis.characterize.part_fit import Extension, choose_runs, joint_rows, quick_part
+from shockrig.analysis.characterize.part_fit import Extension, fit_parts, joint_rows
 from shockrig.analysis.characterize.response_times import response_time
 from shockrig.analysis.characterize.result import (
     ChannelResult,
@@ -34,15 +34,7 @@ def plain_result(found: ChannelDiagnosis) -> ChannelResult | None:
 
     As there, a film is read from its isothermal shocks where an ambient has them.
     """
-    parts: list[Part] = []
-    rows: list[TableRow] = []
-    groups, set_aside = choose_runs(found.problem.channel, found.noise, Extension())
-    for channel, models in groups:
-        part, determined, undetermined = quick_part(channel, found.noise, models)
-        set_aside += undetermined
-        if determined:
-            rows += determined
-            parts.append(part)
+    parts, rows, set_aside = fit_parts(found.problem.channel, found.noise, Extension())
     return channel_result(rows, found.noise, (), parts, set_aside) if rows else None
 
 
