@@ -9,7 +9,7 @@ in the metric of the fit: the expected chi-square between them, less what the ne
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -78,19 +78,13 @@ def imagined(problem: Problem, noise: Noise, shocks: Sequence[PlannedShock], amb
 
 
 def _conditions(like: Conditions, shocks: Sequence[PlannedShock]) -> Conditions:
-    def each(name: str) -> Array:
-        return np.array([getattr(shock, name) for shock in shocks], dtype=float)
-
+    """What each run will be: all of it known, as far as a bench knows it."""
+    stated = {field.name for field in fields(Conditions)} & {field.name for field in fields(PlannedShock)}
     many = np.ones(len(shocks))
     slowed = np.array([np.nan if shock.transfer_s is None else shock.transfer_s for shock in shocks])
     return Conditions(
-        source_c=each("source_c"),
-        destination_c=each("destination_c"),
-        source_percent=each("source_percent"),
-        destination_percent=each("destination_percent"),
-        airflow_m_s=each("airflow_m_s"),
-        pressure_hpa=each("pressure_hpa"),
-        start_s=each("lead_s") + PHASE_S,
+        **{name: np.array([getattr(shock, name) for shock in shocks], dtype=float) for name in stated},
+        start_s=np.array([shock.lead_s for shock in shocks]) + PHASE_S,
         start_scatter_s=TRIGGER_SCATTER_S * many,
         source_c_scatter=TEMPERATURE.air_scatter * many,
         destination_c_scatter=TEMPERATURE.air_scatter * many,
@@ -100,7 +94,6 @@ def _conditions(like: Conditions, shocks: Sequence[PlannedShock]) -> Conditions:
         start_known=many.astype(bool),
         airs_known=many.astype(bool),
         humidity_known=many.astype(bool),
-        irradiance_w_m2=each("irradiance_w_m2"),
         duration_s=slowed,
         ramp_ratio=many,
         ramp_own_s=slowed,
