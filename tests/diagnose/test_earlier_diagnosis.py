@@ -60,9 +60,9 @@ def test_a_search_has_an_end(ready, cold, monkeypatch, limit):
     # One step is made in any case, and one more begins below the limit.
     assert limit <= found.fits < min(limit + 120, cold.fits)
     assert found.weights.sum() == pytest.approx(1.0) and found.best is found.pool[0]
-    (said,) = diagnose.ended(found)
+    (said,) = diagnose.left_open(found, found.best.fit)
     assert f"ended at its limit of work, after {found.fits} fits" in said and "--from" in said
 
 
 def test_a_search_that_ends_by_itself_says_nothing_of_its_limit(cold):
-    assert 0 < cold.fits < searching.MOST_FITS and diagnose.ended(cold) == ()
+    assert 0 < cold.fits < searching.MOST_FITS and diagnose.left_open(cold, cold.best.fit) == ()
