@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 from shockrig.analysis.diagnose.adequacy import Adequacy
 from shockrig.analysis.diagnose.gain import Gain
 from shockrig.analysis.diagnose.search import Rated, Search
-from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.behaviours import form_of
-from shockrig.analysis.effects.described import described, is_described
+from shockrig.analysis.effects import in_channel
 from shockrig.analysis.estimate.fit import Fit
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.problem import Problem
@@ -112,8 +110,7 @@ def read_outcome(verdict: str | None, said: Any, name: ChannelName) -> ChannelOu
 def _demand_known(explanation: Explanation, name: ChannelName) -> None:
     """Raise ValueError where an effect or its parameters are none of this version's."""
     for id_, values in explanation.items():
-        effect = described(form_of(id_).key, name == "humidity") if is_described(id_) else CATALOGUE[id_]
-        if set(values) != {parameter.name for parameter in effect.parameters}:
+        if set(values) != {parameter.name for parameter in in_channel(id_, name).parameters}:
             raise ValueError(f"{id_}: other parameters")
 
 

@@ -11,11 +11,12 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from shockrig.analysis.effects import air, body, exchange, heat, logger, of_flight, reading
+from shockrig.analysis.effects.behaviours import form_of
 from shockrig.analysis.effects.described import described, is_described
 from shockrig.analysis.estimate.effect import Effect, Parameter
 from shockrig.analysis.estimate.model import Held, Structure
 
-__all__ = ["CATALOGUE", "OF_FLIGHT", "Effect", "Parameter", "by_id", "structure_of"]
+__all__ = ["CATALOGUE", "OF_FLIGHT", "Effect", "Parameter", "by_id", "in_channel", "structure_of"]
 
 # In the order of the chain, as the entries within each family are.
 _FAMILIES = (air, exchange, body, heat, reading, logger)
@@ -30,6 +31,17 @@ OF_FLIGHT: dict[str, Effect] = {effect.id: effect for effect in of_flight.EFFECT
 def by_id(id_: str) -> Effect:
     """An entry of the catalogue."""
     return CATALOGUE[id_]
+
+
+def in_channel(id_: str, channel: str) -> Effect:
+    """An effect of a channel by its id: an entry of the catalogue, or a form.
+
+    Raises
+    ------
+    KeyError, ValueError
+        There is none.
+    """
+    return described(form_of(id_).key, channel == "humidity") if is_described(id_) else CATALOGUE[id_]
 
 
 def _reduced(effect: Effect) -> tuple[object, ...]:

@@ -209,19 +209,10 @@ def planned_bins(legs: Sequence[Leg], learned: LearnedFile) -> FlightBins:
     legs = whole(legs)
     times = np.cumsum([0.0, *(seconds_of(leg, at_m) for leg, at_m in flown(legs))])
     heights = [0.0, *(end_m(leg, at_m) for leg, at_m in flown(legs))]
-    airspeed_of = np.array([_airspeed(leg) for leg in legs])
+    airspeed_of = np.array([0.0 if isinstance(leg, Hover) else leg.speed_m_s for leg in legs])
     time = np.arange(0.0, times[-1], 1.0)
     airspeed = airspeed_of[np.searchsorted(times, time, side="right") - 1]
     return bins_along(time, np.interp(time, times, heights), airspeed, learned)
-
-
-def _airspeed(leg: Leg) -> float:
-    """In calm air [m/s]."""
-    match leg:
-        case Straight(_, speed) | OutAndBack(_, speed):
-            return speed
-        case Hover():
-            return 0.0
 
 
 def bins_along(time_s: Array, altitude_m: Array, airspeed_m_s: Array, learned: LearnedFile) -> FlightBins:

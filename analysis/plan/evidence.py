@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +24,9 @@ from numpy.typing import NDArray
 from shockrig.analysis.diagnose.diagnosed import Explanation
 from shockrig.analysis.diagnose.experiments import imagined, rates_known
 from shockrig.analysis.diagnose.shock import PlannedShock
-from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.effects import in_channel
 from shockrig.analysis.effects.behaviours import form_of
-from shockrig.analysis.effects.described import described, is_described
+from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.estimate.fit import Fit, apart, fit, linearise
 from shockrig.analysis.estimate.fit_starts import rough_point
 from shockrig.analysis.estimate.model import Model, Point, Structure
@@ -84,12 +85,8 @@ def _words(effect: str) -> str:
 
 def structure_of(explanation: Explanation, base: Structure, channel: str) -> Structure:
     """The model of an explanation of a channel, with what the readings themselves show in `base`."""
-    structure = base
-    for id_ in explanation:
-        effect = described(id_, channel == "humidity") if is_described(id_) else CATALOGUE[id_]
-        if id_ not in structure.ids and effect.fitted:
-            structure = structure.adding(effect)
-    return structure
+    effects = (in_channel(id_, channel) for id_ in explanation if id_ not in base.ids)
+    return reduce(Structure.adding, (effect for effect in effects if effect.fitted), base)
 
 
 def fitted(problem: Problem, explanation: Explanation, base: Structure) -> Fit:
@@ -242,7 +239,7 @@ class _Fitted:
         then = _fit(before.with_rate_scatter(scatter), structure, rough)
         now = _fit(problem.with_rate_scatter(scatter), structure, then)
         tempered = _fit(_tempered(problem.with_rate_scatter(scatter), old), structure, now)
-        added = _log_det(now) - _log_det(then)
+        added = 2.0 * nats(then.arrow.normal, now.arrow.normal, range(now.theta.size))
         predicted = now.deviance - then.deviance + added
         own = then.deviance - then.objective - float(prior_cost(np.array(then.rate_scatter)))
         free = len(structure.parameters) + before.channel.rates
@@ -254,11 +251,6 @@ def _fit(problem: Problem, structure: Structure, near: Fit) -> Fit:
     """A fit at a held scatter of rates, from the parameters of another one."""
     theta = Model(problem.channel, structure).start(near.log_rates, near.choice)
     return fit(problem, structure, theta, iterations=30, adapt_scatter=False)
-
-
-def _log_det(found: Fit) -> float:
-    normal = found.arrow.normal
-    return float(np.linalg.slogdet(normal + 1e-9 * np.diag(np.diag(normal)))[1])
 
 
 def _tempered(problem: Problem, old: NDArray[np.bool_]) -> Problem:

@@ -43,7 +43,7 @@ class OutAndBack:
     """North for half of `metres` and back, at the altitude where the drone is."""
 
     metres: float
-    airspeed_m_s: float
+    speed_m_s: float
 
 
 Leg = Straight | Hover | OutAndBack
