@@ -64,7 +64,7 @@ class Background:
 def _diagnose(answers: Connection, campaigns: Sequence[Campaign], due: Mapping[Place, Verdict], parent: int) -> None:
     """The process: verdicts of one place after the other; Ctrl-C is for the bench, which ends this too."""
     from shockrig.analysis.plan.goals import places
-    from shockrig.analysis.plan.judged import diagnosed
+    from shockrig.analysis.plan.judged import look_at
 
     end_with(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -72,6 +72,6 @@ def _diagnose(answers: Connection, campaigns: Sequence[Campaign], due: Mapping[P
     os.nice(NICER)
     try:
         for place, verdict in due.items():
-            answers.send((place, diagnosed(*places(campaigns)[place], verdict)))
+            answers.send((place, look_at(*places(campaigns)[place], verdict).verdict))
     except BrokenPipeError:
         pass  # nobody is there any more who wants to know

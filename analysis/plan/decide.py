@@ -40,7 +40,7 @@ from shockrig.analysis.plan.decision import (
 from shockrig.analysis.plan.designs import Designs, menu_of
 from shockrig.analysis.plan.evidence import averaged, of_second_probe
 from shockrig.analysis.plan.goals import QUANTITY_OF, Goals, Place, places
-from shockrig.analysis.plan.judged import ChannelLook, Verdict, diagnosed, look_at
+from shockrig.analysis.plan.judged import ChannelLook, Verdict, look_at
 from shockrig.analysis.plan.minutes import learn, spent_minutes
 from shockrig.analysis.plan.precision import Target, gained_by, measured, targets
 from shockrig.analysis.plan.varied import shock_of, usual_of, variety
@@ -204,7 +204,7 @@ def with_due(campaigns: Sequence[Campaign], before: Decision, due: Due | None = 
         return before
     then = places(of_decision(one, before) for one in campaigns)
     verdicts = {
-        place: ((due and due(place)) or diagnosed(*then[place], verdict)) if verdict.due else verdict
+        place: ((due and due(place)) or look_at(*then[place], verdict).verdict) if verdict.due else verdict
         for place, verdict in before.verdicts.items()
     }
     return replace(before, verdicts=verdicts)

@@ -15,7 +15,6 @@ from shockrig.analysis.diagnose.diagnosed import ChannelOutcome, Explanation, ou
 from shockrig.analysis.diagnose.prepare import Prepared, prepare
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.effects.described import described, discovered_of, is_described
-from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import Fit
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.noise import Noise
@@ -150,7 +149,7 @@ def look_at(
     campaign : Campaign
     name : channel
     before : Verdict
-        Of the last look.
+        Of the last look, or of this one where a diagnosis of its runs is due.
     final : bool
         Whether a verdict on all runs is wanted, come what may.
     later : bool
@@ -166,7 +165,7 @@ def look_at(
     if before.dispute is not None:
         so_far = tuple(against(ready.problem, base, before.dispute))
         now = replace(before, dispute=replace(before.dispute, against=so_far))
-    anew = final or now.decided or before.runs == 0 and channel.runs >= 2 * FEWEST_RUNS
+    anew = final or before.due or now.decided or before.runs == 0 and channel.runs >= 2 * FEWEST_RUNS
     if not anew and now.dispute is None:
         current = fitted(ready.problem, now.causes, base)
         passed = judge(ready.problem, current).passed
@@ -177,23 +176,11 @@ def look_at(
     elif anew and wanted and later and not final:
         now = replace(now, due=True)
     elif anew and wanted:
-        ready, now = _diagnosed(channel, ready, now, final)
+        found = diagnose_channel(channel, earlier=now.causes, describing=final, ready=ready)
+        ready = replace(ready, problem=found.problem, noise=found.noise, structure=found.plain.structure)
+        now = _taken(outcome_of(found), now, final, ready)
     rivals = tuple(fitted(ready.problem, e, base) for e in now.standing) if len(now.standing) > 1 else ()
     return ChannelLook(now, ready.problem, ready.noise, rivals)
-
-
-def diagnosed(campaign: Campaign, name: ChannelName, due: Verdict) -> Verdict:
-    """The verdict of a diagnosis that was left for later; `campaign` has been checked and holds the runs of then."""
-    channel = build_channel(campaign, name)
-    assert channel is not None  # or nothing was due
-    return _diagnosed(channel, prepare(channel), due, final=False)[1]
-
-
-def _diagnosed(channel: Channel, ready: Prepared, before: Verdict, final: bool) -> tuple[Prepared, Verdict]:
-    """A channel as a diagnosis prepared it in the end, and the verdict."""
-    found = diagnose_channel(channel, earlier=before.causes, describing=final, ready=ready)
-    ready = replace(ready, problem=found.problem, noise=found.noise, structure=found.plain.structure)
-    return ready, _taken(outcome_of(found), before, final, ready)
 
 
 def _taken(found: ChannelOutcome, before: Verdict, final: bool, ready: Prepared) -> Verdict:
