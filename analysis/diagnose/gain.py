@@ -35,31 +35,22 @@ Array = NDArray[np.float64]
 PLACED_WITHIN = 2.0  # standard uncertainties
 FREE_LIMIT = 10.0  # likewise, of what nobody recorded
 NEWTON_STEPS = 8  # of Gauss and Newton within the limits
-TINY_SIZE = 1e-12
-TRUSTED_FACTOR = 10.0  # times what they leave: readings are weighted so that what is stated only limits
+TRUSTED_FACTOR = 10.0  # times their precision: readings are weighted so that what is stated only limits
 SETTLED_STEP = 1e-3  # of the limits: a smaller step is none
 
 
 def placed(bins: Problem, found: Fit) -> Array:
-    """Random effects (R, U) of runs that a model was not fitted to."""
+    """Random effects (R, U) of runs that a model was not fitted to: where these fit best within what is stated of them.
+
+    Every reading counts alike, as it is judged, and what is stated only limits. Noise with a long memory would weigh
+    increments, and place a run that a model misses far from its level.
+    """
     # How much stronger an effect is in a run by chance, no other run tells.
     problem = bins.with_rate_scatter(RATE_SCATTER).with_strength_scatter(TINY_STRENGTH)
-    at = _placed(problem, found)
-    # What is judged is how far readings are off, each as much as the others. Where noise has a long memory it weighs
-    # their increments, and a model that misses a run by more than noise would be placed far from its level.
-    before = _squares(problem, found, at)
-    evenly = _placed(_by_count(problem, before / TRUSTED_FACTOR**2), found)
-    return np.where((_squares(problem, found, evenly) < before)[:, None], evenly, at)
-
-
-def _by_count(problem: Problem, variance: Array) -> Problem:
-    """The problem with every reading of a run weighed alike, as if what is left of it (R,) were independent noise."""
-    level = np.sqrt(problem.channel.count / np.maximum(variance, TINY_SIZE)[:, None])
-    return replace(problem, whitener=level[:, :, None] * np.eye(level.shape[1]))
-
-
-def _placed(problem: Problem, found: Fit) -> Array:
-    """Where runs fit best within what is stated of them (R, U)."""
+    count = problem.channel.count
+    of_one = np.einsum("rii->ri", problem.whitener) ** 2 / np.maximum(count, 1)  # precision of a reading
+    weight = TRUSTED_FACTOR * np.sqrt(count * of_one.mean(axis=1, where=count > 0, keepdims=True))
+    problem = replace(problem, whitener=weight[:, :, None] * np.eye(weight.shape[1]))
     at = problem.channel.at_rest()
     reached = fit(problem, found.structure, found.theta, at, adapt_scatter=False, hold_theta=True)
     moved = scanned_starts(problem, reached)
@@ -69,12 +60,6 @@ def _placed(problem: Problem, found: Fit) -> Array:
     # What nobody recorded is free: it is placed where it fits best, for every model alike.
     limit = np.where(problem.stated, PLACED_WITHIN, FREE_LIMIT) * problem.scatter
     return _within(problem, found, reached.deviations, limit)
-
-
-def _squares(problem: Problem, found: Fit, deviations: Array) -> Array:
-    """Mean square error of each run's readings (R,)."""
-    prediction, _ = linearise(problem, found.structure, Point(found.theta, deviations))
-    return squares_of_bins(problem.channel, problem.channel.value - prediction)
 
 
 def squares_of_bins(channel: Channel, left: Array) -> Array:
@@ -362,17 +347,15 @@ def _mean_and_spread(gains: Array, kind: NDArray[np.int64]) -> tuple[float, floa
     What a campaign records is a design, not a draw: an effect that acts in a quarter of the runs does so in the next
     campaign too.
     """
-    _, own, count = np.unique(kind, return_inverse=True, return_counts=True)
-    alike = np.where(count[own] > 1, own, -1)  # a run that is the only one of its kind goes with others that are
-    groups = [group for k in np.unique(alike) if (group := gains[alike == k]).size > 1]
-    inside, degrees = sum(group.size for group in groups), sum(group.size - 1 for group in groups)
     mean, size = float(gains.mean()), gains.size
     if size < 2:
         return mean, float("inf"), 1
+    _, own = np.unique(kind, return_inverse=True)
+    usual = np.bincount(own, gains) / np.bincount(own)
     # A few runs say little of how gains scatter; before them it is taken that they do by half of their mean.
-    variance = sum(group.size * float(group.var(ddof=1)) for group in groups) / max(inside, 1)
-    variance = (degrees * variance + USUAL_DEGREES * (USUAL_SPREAD * mean) ** 2) / (degrees + USUAL_DEGREES)
-    return mean, float(np.sqrt(variance / size)), degrees + USUAL_DEGREES
+    degrees = size - usual.size + USUAL_DEGREES
+    squares = float(((gains - usual[own]) ** 2).sum()) + USUAL_DEGREES * (USUAL_SPREAD * mean) ** 2
+    return mean, float(np.sqrt(squares / degrees / size)), degrees
 
 
 def _share(
