@@ -9,6 +9,7 @@ they were ready; where the clock is virtual nothing waits, and each decision res
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -135,8 +136,7 @@ class Loop:
                 self._goals,
                 remembered(last),
                 beside=seen[1:],
-                feasible=self._feasible,
-                vetoed=vetoed,
+                feasible=partial(self._wanted, tuple(vetoed)),
                 surroundings=surroundings_of(self._bench),
                 later=self._later,
                 due=self._background,
@@ -160,6 +160,10 @@ class Loop:
                 self._think_on(entry)
                 return self._next(choice, state)
             vetoed = [choice, *vetoed]
+
+    def _wanted(self, vetoed: Sequence[PlannedShock], shock: PlannedShock) -> bool:
+        """Whether the bench can make a run that the operator has not vetoed."""
+        return self._feasible(shock) and shock not in vetoed
 
     def _think_on(self, entry: dict[str, Any]) -> None:
         """Begin with the diagnoses that a decision left for later."""

@@ -195,7 +195,6 @@ def diagnose_channel(
     adequacy, plain_adequacy = (judge(problem, one.fit) for one in (found.best, found.plain))
     remainder = measure_remainder(problem, found.best.fit, ready.noise, adequacy, gain, tolerance, sigma)
     final = _final(problem, found.best, remainder.significant)
-    matters = remainder.significant and remainder.material
     causes = _causes(ready, found, final)
     forms = stated(problem, found, final)
     restless = (bursts(problem.channel, ready.noise, remainder.tolerance), *hums)
@@ -206,14 +205,13 @@ def diagnose_channel(
         named=len(causes),
         forms=len(forms),
         shown=len(shown),
-        left_over=matters,
+        left_over=remainder.significant and remainder.material,
         parted=bool(parted),
         unsettled=bool(unsettled),
         borne_out=gain.measured,
         claims=any(not CATALOGUE[c.effect].candidacy.shape for c in causes),
     )
     said = verdict(standing)
-    told = matters or said == "unexplained"
     stands = Predicting(found.best, final, causes, (*forms, *shown))
     return ChannelDiagnosis(
         name=channel.name,
@@ -241,7 +239,9 @@ def diagnose_channel(
             *unsettled,
         ),
         tried=_tried(found),
-        discrepancy=describe(problem, found.best.fit, ready.noise, adequacy, remainder) if told else None,
+        discrepancy=describe(problem, found.best.fit, ready.noise, adequacy, remainder)
+        if said == "unexplained"
+        else None,
     )
 
 

@@ -210,7 +210,7 @@ def _channel(channel: ChannelDiagnosis) -> StatedChannel:
         discovered=channel.discovered,
         gain=StatedGain(gain.before, gain.after, gain.noise_floor, gain.explained_fraction, gain.interval_95),
         remainder=channel.remainder,
-        discrepancy=(channel.discrepancy or {}) if channel.verdict == "unexplained" else None,
+        discrepancy=channel.discrepancy,
         extra={
             "untestable": channel.untestable,
             "correlations": {"parameters": names, "matrix": np.round(matrix, 4)},

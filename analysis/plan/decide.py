@@ -72,7 +72,6 @@ def decide(
     beside: Sequence[Campaign] = (),
     count: int = 1,
     feasible: Callable[[PlannedShock], bool] = anything,
-    vetoed: Sequence[PlannedShock] = (),
     surroundings: Surroundings = ORDINARY,
     later: bool = False,
     due: Due | None = None,
@@ -95,9 +94,7 @@ def decide(
     count : int
         How many runs to choose.
     feasible : function of a Shock
-        Whether the bench can do it.
-    vetoed : sequence of Shock
-        Which the operator does not want.
+        Whether the bench can do it, and the operator wants it.
     surroundings : Surroundings
         Pressures and lights that the bench can make, besides those that the campaign has had.
     later : bool
@@ -123,19 +120,16 @@ def decide(
     spent = 0.0 if campaign is None else sum(spent_minutes(campaign).values())
     recorded = () if campaign is None else tuple(run.id for run in campaign.runs)
 
-    def allowed(shock: PlannedShock) -> bool:
-        return feasible(shock) and shock not in vetoed
-
     looks, verdicts = _look(campaigns, before.verdicts, False, later, made, progress)
     found, fleets, wanted = _known(campaigns, verdicts, goals, population, progress)
     met = all(t.met for t in wanted) and not any(v.tied for v in verdicts.values())
     # What depends on a direction or an airflow that no run has had can be no finding.
-    unvaried = goals.ties and bool(variety(looks, menu_of(found, looks, goals, usual, allowed)).any())
+    unvaried = goals.ties and bool(variety(looks, menu_of(found, looks, goals, usual, feasible)).any())
     few = tuple(place for place, look in looks.items() if look.short and goals.ties) if met else ()
-    first = _opening(campaigns, goals, usual, allowed, _lacking(campaigns, goals, found))
+    first = _opening(campaigns, goals, usual, feasible, _lacking(campaigns, goals, found))
     if few and not first and len(recorded) < MOST_BEFORE_JUDGED:
         too_few = {name for place, (_, name) in places(campaigns).items() if place in few}
-        first = [replace(one, why=FEW) for one in _opening(campaigns, goals, usual, allowed, too_few)]
+        first = [replace(one, why=FEW) for one in _opening(campaigns, goals, usual, feasible, too_few)]
     if met and recorded and not unvaried and not first:
         judged = verdicts
         looks, verdicts = _look(campaigns, verdicts, True, later, made, progress)
@@ -145,7 +139,7 @@ def decide(
     gained = sum(gained_by(new, own, [t for t in wanted if t.probe == p]) for p, own in found.items()) if new else None
     state = Decision("", "", recorded, spent, tuple(wanted), verdicts, (), (), chased, unvaried, gained, few)
     anchor = None if campaign is None or not campaign.runs else campaign.runs[0]
-    designs = Designs.of(found, looks, wanted, goals, usual, allowed, anchor, population, fleets)
+    designs = Designs.of(found, looks, wanted, goals, usual, feasible, anchor, population, fleets)
     if not unvaried and not (goals.ties and first) and (ended := ended_by(state, goals, looks)):
         return replace(state, status=ended[0], reason=ended[1])
     minutes = learn(campaign)
@@ -282,7 +276,7 @@ def _opening(
     campaigns: Sequence[Campaign],
     goals: Goals,
     usual: Usual,
-    allowed: Callable[[PlannedShock], bool],
+    feasible: Callable[[PlannedShock], bool],
     lacking: Collection[ChannelName],
 ) -> list[PlannedShock]:
     """The runs that a campaign begins with, as far as they show some channels, those of rarer directions first.
@@ -291,9 +285,9 @@ def _opening(
     """
     middle = sorted(goals.ambients_c, key=lambda t: abs(t - USUAL_C))[0]
     begin = [s for s in opening(middle, usual) if usual.allows(s) and _shown_by(s) in lacking]
-    others = [s for s in deciding_menu([middle], usual) if _shown_by(s) in lacking and allowed(s)]
+    others = [s for s in deciding_menu([middle], usual) if _shown_by(s) in lacking and feasible(s)]
     there = [_way(s) for one in campaigns[:1] for run in one.runs if (s := shock_of(run)) is not None]
-    return sorted(filter(allowed, begin), key=lambda s: there.count(_way(s))) or others[: len(begin)]
+    return sorted(filter(feasible, begin), key=lambda s: there.count(_way(s))) or others[: len(begin)]
 
 
 def _way(shock: PlannedShock) -> tuple[bool, bool]:

@@ -516,7 +516,7 @@ def test_an_empty_campaign_begins_with_both_quantities_and_a_veto_is_kept(finish
     goals = Goals((Precision("alpha", 0.01), Precision("D", 0.01)), ambients_c=(20.0,))
     first = decide(None, goals, count=4)
     assert [c.shock for c in first.choices] == opening(20.0, Usual())
-    other = decide(None, goals, count=4, vetoed=[first.choices[0].shock])
+    other = decide(None, goals, count=4, feasible=lambda shock: shock != first.choices[0].shock)
     assert first.choices[0].shock not in [c.shock for c in other.choices]
     dry = decide(None, goals, count=4, feasible=lambda shock: shock.isothermal)
     assert all(c.shock.isothermal for c in dry.choices)
@@ -530,7 +530,7 @@ def test_where_the_first_runs_cannot_be_another_of_the_menu_begins():
     assert damp.choices[0].shock.isothermal
     first = decide(None, goals, count=4).choices
     assert len(first) == 2  # up and down
-    others = decide(None, goals, count=4, vetoed=[c.shock for c in first]).choices
+    others = decide(None, goals, count=4, feasible=lambda shock: shock not in [c.shock for c in first]).choices
     assert others and not {c.shock for c in others} & {c.shock for c in first}
     assert decide(None, goals, feasible=lambda shock: False).status == INCONCLUSIVE
 
