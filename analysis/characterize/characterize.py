@@ -12,7 +12,6 @@ from dataclasses import replace
 
 from shockrig.analysis.characterize.part_fit import (
     Extension,
-    as_far_off,
     fit_parts,
     fitted_discovered,
     fitted_effects,
@@ -27,7 +26,6 @@ from shockrig.analysis.estimate.gather import build_channel, usable_runs, why_no
 from shockrig.analysis.estimate.noise import estimate_noise
 from shockrig.analysis.estimate.problem import posterior_scatter
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, looked_for
-from shockrig.analysis.estimate.seen import by_itself
 from shockrig.files.campaign import Campaign
 from shockrig.files.errors import InputError
 from shockrig.files.numbers import counted
@@ -151,7 +149,5 @@ def characterize_channel(
     parts, rows, set_aside = fit_parts(whole, noise, extension, seed, rounding, say, quickly)
     if not rows:
         raise _Unusable(why_none(set_aside))
-    if whole.runs == 1 and parts[0].enlarged(noise) > 1.0 and (shown := by_itself(whole)) is not None:
-        rows = [as_far_off(row, shown[0]) for row in rows]
     effects, described = fitted_effects(extension, parts[0]), fitted_discovered(extension, parts[0])
     return channel_result(rows, noise, effects, parts, set_aside, described)

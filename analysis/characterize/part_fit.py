@@ -35,6 +35,7 @@ from shockrig.analysis.estimate.model import PLAIN, Held, Model, Point, Structur
 from shockrig.analysis.estimate.noise import Noise, whiteners
 from shockrig.analysis.estimate.problem import UNVENTILATED_LIMIT, Problem, make_problem
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, RunEffect
+from shockrig.analysis.estimate.seen import by_itself
 from shockrig.files.causes import StatedEffect
 from shockrig.files.diagnosis import read_diagnosis
 from shockrig.files.diagnosis_data import Discovered
@@ -251,6 +252,8 @@ def fit_parts(
         set_aside += undetermined
         if found:
             parts.append(part)
+    if rows and whole.runs == 1 and parts[0].enlarged(noise) > 1.0 and (shown := by_itself(whole)) is not None:
+        rows = [as_far_off(row, shown[0]) for row in rows]
     return parts, rows, set_aside
 
 
