@@ -50,9 +50,7 @@ from shockrig.files.errors import InputError
 from shockrig.files.fleet_file import Population
 
 LEAST_GAIN = 0.01  # of a goal, by the best run of the menu: it would take a hundred, if nobody gives minutes for them
-# Runs by which a channel is given up that none has shown, or of which fewer were usable than can be judged.
-MOST_FIRST, MOST_BEFORE_JUDGED = 8, 24
-FEW = "too few to judge by"
+MOST_FIRST = 8  # runs by which a channel is given up that none has shown
 Progress = Callable[[str], None]
 Found = Mapping[str, Characterization | None]  # of each probe
 Due = Callable[[Place], Verdict | None]
@@ -125,11 +123,7 @@ def decide(
     met = all(t.met for t in wanted) and not any(v.tied for v in verdicts.values())
     # What depends on a direction or an airflow that no run has had can be no finding.
     unvaried = goals.ties and bool(variety(looks, menu_of(found, looks, goals, usual, feasible)).any())
-    few = tuple(place for place, look in looks.items() if look.short and goals.ties) if met else ()
     first = _opening(campaigns, goals, usual, feasible, _lacking(campaigns, goals, found))
-    if few and not first and len(recorded) < MOST_BEFORE_JUDGED:
-        too_few = {name for place, (_, name) in places(campaigns).items() if place in few}
-        first = [replace(one, why=FEW) for one in _opening(campaigns, goals, usual, feasible, too_few)]
     if met and recorded and not unvaried and not first:
         judged = verdicts
         looks, verdicts = _look(campaigns, verdicts, True, later, made, progress)
@@ -137,7 +131,7 @@ def decide(
             found, fleets, wanted = _known(campaigns, verdicts, goals, population, progress)
     chased, new = before.chased, set(recorded) - set(before.recorded)
     gained = sum(gained_by(new, own, [t for t in wanted if t.probe == p]) for p, own in found.items()) if new else None
-    state = Decision("", "", recorded, spent, tuple(wanted), verdicts, (), (), chased, unvaried, gained, few)
+    state = Decision("", "", recorded, spent, tuple(wanted), verdicts, (), (), chased, unvaried, gained)
     anchor = None if campaign is None or not campaign.runs else campaign.runs[0]
     designs = Designs.of(found, looks, wanted, goals, usual, feasible, anchor, population, fleets)
     if not unvaried and not (goals.ties and first) and (ended := ended_by(state, goals, looks)):

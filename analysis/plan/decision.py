@@ -47,8 +47,6 @@ class Decision:
         Whether ties are to be decided, and fewer than two runs have had a direction or an airflow that is possible.
     gained : float or None
         What the runs since the last decision brought to the rates that goals want [nats]; None where there are none.
-    few : tuple of places
-        Where ties are to be decided and all else is met, those of which too few runs are there to judge by.
     """
 
     status: str
@@ -62,7 +60,6 @@ class Decision:
     chased: int = 0
     unvaried: bool = False
     gained: float | None = None
-    few: tuple[Place, ...] = ()
 
     @property
     def tied(self) -> dict[Place, list[str]]:
@@ -77,7 +74,7 @@ def ended_by(state: Decision, goals: Goals, looks: Mapping[Place, ChannelLook]) 
     met = all(target.met for target in state.targets)
     tied, verdicts = state.tied, state.verdicts.values()
     unexplained = [name for name, verdict in state.verdicts.items() if verdict.left]
-    decided = not tied and not state.few and all(v.runs or looks[n].problem is None for n, v in state.verdicts.items())
+    decided = not tied and all(v.runs or looks[n].problem is None for n, v in state.verdicts.items())
     if met and (not goals.ties or (decided and not unexplained)):
         named = dict.fromkeys(e for v in verdicts for e in v.named)
         enough = "the plain model is enough" if any(v.runs for v in verdicts) else "nothing was diagnosed"
@@ -102,7 +99,6 @@ def missing(state: Decision) -> str:
     parts = [", ".join(f"{name}{_places(those)} {how}" for (name, how), those in short.items())] if short else []
     parts += _said(state.tied)
     parts += [f"{name}: something is left" for name, v in state.verdicts.items() if v.left]
-    parts += [f"{place}: too few runs to judge by" for place in state.few]
     parts += ["a direction or an airflow has had fewer than two runs"] if state.unvaried else []
     return "; ".join(parts) or "a verdict on all runs is missing"
 
