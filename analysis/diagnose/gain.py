@@ -7,7 +7,7 @@ for every model; errors are over single samples.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -157,14 +157,9 @@ def folds(channel: Channel, count: int = FOLDS) -> NDArray[np.int64]:
 
     So are those of either medium, and, where nobody recorded the airflow, of either direction: places may differ.
     """
-    count = max(min(count, channel.runs), 1)
-    air, fold, place = channel.conditions, np.zeros(channel.runs, dtype=int), 0
+    air, fold = channel.conditions, np.zeros(channel.runs, dtype=int)
     up = (channel.quantity.step(air) > 0) & ~air.airflow_known.any()
-    kind = np.stack([channel.ambient, air.elsewhere, up], axis=1)
-    for one in np.unique(kind, axis=0):
-        for i in np.flatnonzero((kind == one).all(axis=1)):
-            fold[i] = place % count
-            place += 1
+    fold[np.lexsort((up, air.elsewhere, channel.ambient))] = np.arange(channel.runs) % min(count, channel.runs)
     return fold
 
 
@@ -231,23 +226,16 @@ def held_out_parts(channel: Channel, problem: Problem, plain: Rated) -> list[Hel
 def measure_gain(channel: Channel, parts: Sequence[HeldOutPart], model: Rated, noise: Noise) -> Gain:
     """Held-out gain of a model over the plain one, each fitted anew and chosen without the runs held out."""
     before, after = np.full(channel.runs, np.nan), np.full(channel.runs, np.nan)
-    left: dict[int, tuple[Array, Array]] = {}
+    left: dict[int, tuple[Any, ...]] = {}
     for one in parts:
         under = one.residuals_under(model)
         before[one.test], after[one.test] = mean_squares(one.residuals), mean_squares(under)
-        left |= dict(zip(one.test.tolist(), zip(one.residuals, under, strict=True), strict=True))
-    return replace(summarise(before, after, noise.while_moving, kinds(channel)), held=_as_held_out(channel, left))
-
-
-def _as_held_out(channel: Channel, left: Mapping[int, tuple[Array, Array]]) -> HeldOut:
-    """Residuals of runs, before and after, at the samples at which both are known."""
-    found: list[tuple[Any, ...]] = []
-    for run in sorted(left):
-        time, _ = channel.samples[run]
-        both = np.array(left[run])[:, : time.size]
-        known = np.isfinite(both).all(axis=0)
-        found.append((run, channel.run_ids[run], time[known], *both[:, known]))
-    return HeldOut(*zip(*found, strict=True))
+        for run, both in zip(one.test.tolist(), np.stack([one.residuals, under], axis=1), strict=True):
+            time, _ = channel.samples[run]
+            known = np.isfinite(both).all(axis=0)[: time.size]
+            left[run] = run, channel.run_ids[run], time[known], *both[:, : time.size][:, known]
+    held = HeldOut(*zip(*(left[run] for run in sorted(left)), strict=True))
+    return replace(summarise(before, after, noise.while_moving, kinds(channel)), held=held)
 
 
 def _fitted(part: Problem, whole: Rated, structure: Structure, train: NDArray[np.bool_]) -> tuple[float, Fit]:
