@@ -35,21 +35,20 @@ Array = NDArray[np.float64]
 PLACED_WITHIN = 2.0  # standard uncertainties
 FREE_LIMIT = 10.0  # likewise, of what nobody recorded
 NEWTON_STEPS = 8  # of Gauss and Newton within the limits
-TRUSTED_FACTOR = 10.0  # times their precision: readings are weighted so that what is stated only limits
 SETTLED_STEP = 1e-3  # of the limits: a smaller step is none
 
 
 def placed(bins: Problem, found: Fit) -> Array:
     """Random effects (R, U) of runs that a model was not fitted to: where these fit best within what is stated of them.
 
-    Every reading counts alike, as it is judged, and what is stated only limits. Noise with a long memory would weigh
-    increments, and place a run that a model misses far from its level.
+    Every reading counts alike, as it is judged. Noise with a long memory would weigh increments, and place a run that a
+    model misses far from its level.
     """
     # How much stronger an effect is in a run by chance, no other run tells.
     problem = bins.with_rate_scatter(RATE_SCATTER).with_strength_scatter(TINY_STRENGTH)
     count = problem.channel.count
     of_one = np.einsum("rii->ri", problem.whitener) ** 2 / np.maximum(count, 1)  # precision of a reading
-    weight = TRUSTED_FACTOR * np.sqrt(count * of_one.mean(axis=1, where=count > 0, keepdims=True))
+    weight = np.sqrt(count * of_one.mean(axis=1, where=count > 0, keepdims=True))
     problem = replace(problem, whitener=weight[:, :, None] * np.eye(weight.shape[1]))
     at = problem.channel.at_rest()
     reached = fit(problem, found.structure, found.theta, at, adapt_scatter=False, hold_theta=True)
