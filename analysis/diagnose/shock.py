@@ -150,6 +150,16 @@ def deciding_menu(
 
     With `dwell_s`, see `precision_menu`, other airflows also no longer than the sensor needs.
     """
+    slow, fast = max(SLOWEST_M_S, round(0.3 * usual.airflow_m_s, 1)), round(2.0 * usual.airflow_m_s, 1)
+    airflows = {"little airflow": {"airflow_m_s": slow}, "much airflow": {"airflow_m_s": fast}}
+    variants = {
+        **airflows,
+        "the transfer slowed": {"transfer_s": SLOWED_S},
+        "recorded for longer": {"dwell_s": LONGEST_S},
+        "recorded for longer before it": {"lead_s": LONG_LEAD_S},
+        **{f"under {light:g} W/m2": {"irradiance_w_m2": light} for light in usual.other.irradiances_w_m2},
+        **{f"at {pressure:g} hPa": {"pressure_hpa": pressure} for pressure in usual.other.pressures_hpa},
+    }
     menu = []
     for t in ambients_c:
         warm, here = _warm(t), (t, 55.0)
@@ -166,27 +176,11 @@ def deciding_menu(
         }
         for why, (source, destination) in shocks.items():
             base = _between(usual, source, destination, LONG_S, why)
-            slow = max(SLOWEST_M_S, round(0.3 * usual.airflow_m_s, 1))
-            fast = round(2.0 * usual.airflow_m_s, 1)
-            menu += [
-                base,
-                replace(base, airflow_m_s=slow, why=f"{why}, little airflow"),
-                replace(base, airflow_m_s=fast, why=f"{why}, much airflow"),
-                replace(base, transfer_s=SLOWED_S, why=f"{why}, the transfer slowed"),
-                replace(base, dwell_s=LONGEST_S, why=f"{why}, recorded for longer"),
-                replace(base, lead_s=LONG_LEAD_S, why=f"{why}, recorded for longer before it"),
-            ]
-            if dwell_s is not None:
-                enough = float(round(1.7 * dwell_s(destination[0], source[0] == destination[0])))
-                menu += [replace(one, dwell_s=enough) for one in menu[-5:-3] if enough < one.dwell_s]
-            menu += [
-                replace(base, irradiance_w_m2=light, why=f"{why}, under {light:g} W/m2")
-                for light in usual.other.irradiances_w_m2
-            ]
-            menu += [
-                replace(base, pressure_hpa=pressure, why=f"{why}, at {pressure:g} hPa")
-                for pressure in usual.other.pressures_hpa
-            ]
+            menu += [base, *(replace(base, why=f"{why}, {more}", **other) for more, other in variants.items())]
+            enough = LONG_S if dwell_s is None else round(1.7 * dwell_s(destination[0], source[0] == destination[0]))
+            if enough < LONG_S:
+                short = replace(base, dwell_s=float(enough))
+                menu += [replace(short, why=f"{why}, {more}", **other) for more, other in airflows.items()]
     return [shock for shock in menu if usual.allows(shock)]
 
 
