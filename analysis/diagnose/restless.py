@@ -62,7 +62,8 @@ class _Hum:
 def without_hums(channel: Channel) -> tuple[Channel, tuple[Discovered, ...]]:
     """A channel with each hum that is certain taken out of its readings, one after the other, and these hums."""
     found: list[_Hum] = []
-    while (one := _certain_hum(channel)) is not None:
+    codes = rounding_step(channel) or channel.quantity.resolution
+    while (one := _certain_hum(channel, codes)) is not None:
         channel = one.quiet
         found.append(one)
     hums = (one for place, one in enumerate(found) if not any(_is_overtone(channel, one, of) for of in found[:place]))
@@ -76,7 +77,7 @@ def _is_overtone(channel: Channel, one: _Hum, of: _Hum) -> bool:
     return bool((np.abs(seen - times * of.frequency_hz) < _in_turn(channel, NEAR_TURN)).any())
 
 
-def _certain_hum(channel: Channel) -> _Hum | None:
+def _certain_hum(channel: Channel, codes: float) -> _Hum | None:
     """The hum in a channel's readings that is most certain; None where none is.
 
     A hum is looked for from the lowest frequency that a run shows: as the line that stands out most beside the spectrum
@@ -90,13 +91,13 @@ def _certain_hum(channel: Channel) -> _Hum | None:
     ends = [_ends_of(time, value, plateaus_of(time, period_s)) for time, value in channel.samples]
     looks = float(np.mean([piece.value.size for piece in pieces]))
     line_hz, swing_hz = _highest_line(channel, pieces), _best_swing(channel, ends, pieces)
-    found = [_taken_out(channel, ends, hz, looks) for hz in (line_hz, swing_hz) if hz is not None]
+    found = [_taken_out(channel, ends, hz, looks, codes) for hz in (line_hz, swing_hz) if hz is not None]
     best = min((one for one in found if one is not None), key=lambda one: one.chance, default=None)
     return best if best is not None and best.chance <= LEAST_P_VALUE**2 else None
 
 
-def _taken_out(channel: Channel, ends: Sequence[_Ends], near_hz: float, looks: float) -> _Hum | None:
-    """What swings with a frequency near one; None where nothing is seen."""
+def _taken_out(channel: Channel, ends: Sequence[_Ends], near_hz: float, looks: float, codes: float) -> _Hum | None:
+    """What swings with a frequency near one; None where nothing is, or what rounding to `codes` [unit] may make."""
     frequency = _in_step(channel, ends, near_hz)
     swings = [_swing(one, frequency) for one in ends]
     both, left = np.array([one for one, _ in swings]), np.array([left for _, left in swings])
@@ -110,6 +111,8 @@ def _taken_out(channel: Channel, ends: Sequence[_Ends], near_hz: float, looks: f
     samples = [(time, value - _columns(time, frequency) @ one) for (time, value), one in runs]
     quiet = rebin(channel, samples, channel.bin_of, channel.die_samples, 1)
     noise = estimate_noise(quiet, rounding_step(quiet) or channel.quantity.resolution)
+    if max(size, noise.increment) < level("hidden_noise") * codes:
+        return None  # codes that repeat have lines of their own
     gamma = noise.autocovariance(int(np.median([one.value.size for one in ends])))
     lag = np.arange(gamma.size)
     usual = gamma * np.where(lag == 0, 1.0, 2.0) * (1.0 - lag / gamma.size)

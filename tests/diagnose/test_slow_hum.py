@@ -97,6 +97,13 @@ def test_wandering_noise_is_no_hum(seed, tmp_path):
     assert without_hums(channel) == (channel, ())
 
 
+@pytest.mark.parametrize("step_k", [0.08, pytest.param(0.1, marks=pytest.mark.trial)])
+def test_codes_that_hide_the_noise_are_no_hum(step_k, tmp_path):
+    """Before: five and three of them, each a few percent of a code."""
+    channel = recorded(tmp_path, 5, Hidden("quantization", {"step": step_k}, ("temperature",)))
+    assert without_hums(channel) == (channel, ())
+
+
 def test_plateaus_that_mostly_repeat_a_value_or_end_at_once_have_no_hum(monkeypatch, tmp_path):
     channel = recorded(tmp_path, 3)
     time_s = np.arange(0.0, 40.0, 0.1)
