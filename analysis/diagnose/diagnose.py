@@ -78,15 +78,6 @@ def refuted(gain: Gain, tolerance: float) -> bool:
     return bool(np.log(gain.run_after[told]).mean() > np.log(gain.run_before[told]).mean())
 
 
-def why_refuted(gain: Gain, unit: str) -> str:
-    """A sentence on a model that has the largest weight and is not stated."""
-    return (
-        "How single readings go speaks for more than the plain model. But with the rate that other runs give it, such "
-        f"a model misses runs held out by {gain.after:.2g} {unit}, and the plain one by {gain.before:.2g} {unit}: it "
-        "is not stated. See that all runs are of one sensor in one airflow, and record more of them."
-    )
-
-
 def left_open(found: Search, final: Fit) -> tuple[str, ...]:
     """Sentences on what the search and its model leave open."""
     said = {
@@ -310,13 +301,17 @@ def _borne_out(
 ) -> tuple[Search, Gain, tuple[str, ...]]:
     """The search with the likeliest model that runs held out do not refute, in the end the plain one; what it gains on
     them, and a sentence on the likeliest where it is refuted."""
-    unborne = tuple[str, ...]()
+    unborne, unit = tuple[str, ...](), channel.quantity.unit
     tied = [one for one in found.tied() if one is not found.best and one is not found.plain]
     for one in (found.best, *tied[:MOST_IN_PLACE], found.plain):
         gain = measure_gain(channel, parts, one, ready.noise)
         if one is found.plain or not refuted(gain, tolerance):
             break
-        unborne = unborne or (why_refuted(gain, channel.quantity.unit),)
+        unborne = unborne or (
+            "How single readings go speaks for more than the plain model. But with the rate that other runs give it, "
+            f"such a model misses runs held out by {gain.after:.2g} {unit}, and the plain one by {gain.before:.2g} "
+            f"{unit}: it is not stated. See that all runs are of one sensor in one airflow, and record more of them.",
+        )
     return replace(found, best=one), gain, unborne
 
 

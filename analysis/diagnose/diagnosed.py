@@ -114,8 +114,6 @@ def _demand_known(explanation: Explanation, name: ChannelName) -> None:
             raise ValueError(f"{id_}: other parameters")
 
 
-# What a diagnosis says of a channel and of a campaign: data, without how it came about.
-
 NO_STEP = "no usable run with a step of the air"
 
 

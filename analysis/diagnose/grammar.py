@@ -35,8 +35,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-# The grammar of behaviours: every form that a channel's runs could show, with the values that its fit begins from.
-
 LEAST_RUNS = 8  # fewer say nothing of conditions that were held out
 MOST_RUNS = 250  # more take too much memory at once
 VARIED_AIRFLOW_RATIO, VARIED_STEP_RATIO = 1.2, 1.5  # ratios from which on a factor has varied

@@ -16,8 +16,6 @@ from shockrig.files.campaign_names import FIRST_PROBE
 from shockrig.files.json_files import made_of, measured
 from shockrig.files.plan_file import DECISION_FORMAT, PLAN_FORMAT
 
-# What a decision holds, when it is the last one, and what is missing until then.
-
 CONTINUE, DONE, INCONCLUSIVE = "continue", "done", "inconclusive"
 MOST_UNEXPLAINED = 4  # runs that are spent on what nothing explains
 

@@ -24,8 +24,6 @@ from shockrig.analysis.plan.evidence import Dispute, against, fitted, label_of
 from shockrig.files.campaign import Campaign
 from shockrig.files.causes import StatedEffect, Uncertain
 
-# What is kept of a channel from look to look: its verdict, what is tied, and what new runs have ruled out.
-
 
 @dataclass(frozen=True)
 class Verdict:
@@ -167,15 +165,15 @@ def look_at(
         current = fitted(ready.problem, now.causes, base)
         passed = judge(ready.problem, current).passed
         anew = (not passed or before.left) and channel.runs >= max(MORE_RUNS * before.runs, before.runs + 1)
-    wanted = channel.runs > before.runs or (final and not before.final)
-    if anew and wanted and made is not None and made.runs == channel.run_ids:
-        now = _taken(made, now, True, ready)
-    elif anew and wanted and later and not final:
-        now = replace(now, due=True)
-    elif anew and wanted:
-        found = diagnose_channel(channel, earlier=now.causes, describing=final, ready=ready)
-        ready = replace(ready, problem=found.problem, noise=found.noise, structure=found.plain.structure)
-        now = _taken(outcome_of(found), now, final, ready)
+    if anew and (channel.runs > before.runs or final and not before.final):
+        if made is not None and made.runs == channel.run_ids:
+            now = _taken(made, now, True, ready)
+        elif later and not final:
+            now = replace(now, due=True)
+        else:
+            found = diagnose_channel(channel, earlier=now.causes, describing=final, ready=ready)
+            ready = replace(ready, problem=found.problem, noise=found.noise, structure=found.plain.structure)
+            now = _taken(outcome_of(found), now, final, ready)
     rivals = tuple(fitted(ready.problem, e, base) for e in now.standing) if len(now.standing) > 1 else ()
     return ChannelLook(now, ready.problem, ready.noise, rivals)
 
