@@ -53,13 +53,13 @@ class Waiting:
 
     def decide(self, bench: FileBench, goals: Goals, before: Decision | None) -> Decision:
         """The next decision on a campaign."""
-        campaign = bench.campaign()
+        seen = bench.seen()
         run_s, self._clock_s = bench.clock_s - self._clock_s, bench.clock_s
         began_s = time.process_time()
-        if before is not None and campaign is not None:
-            before = with_due([campaign], before)
+        if before is not None:
+            before = with_due(seen, before)
         behind_s = time.process_time() - began_s
-        decision = decide(campaign, goals, before, later=True)
+        decision = decide(seen, goals, before, later=True)
         self.behind_s += behind_s
         self.waited_s += time.process_time() - began_s - min(behind_s, run_s)
         return decision
@@ -82,6 +82,10 @@ class FileBench:
     def campaign(self) -> Campaign | None:
         """What has been recorded, read back; None where nothing has."""
         return read_campaign(self.folder) if self.runs else None
+
+    def seen(self) -> list[Campaign]:
+        """The same as its only probe saw it; none before the first run."""
+        return [read_campaign(self.folder)] if self.runs else []
 
     def record_run(self, run: Mapping[str, Any], over_s: float = 12.0) -> None:
         """Record one run of a plan (`shock-plan/1`)."""

@@ -84,7 +84,7 @@ def precision(seed: int) -> dict:
         bench = FileBench(truth, Path(folder) / "own", seed + 5000)
         decision, log, came, somewhere_new = None, None, [], False
         while bench.minutes < 2.0 * fixed.minutes:
-            decision = decide(bench.campaign(), goals, decision, count=AT_ONCE)
+            decision = decide(bench.seen(), goals, decision, count=AT_ONCE)
             entry = log_entry(decision, goals, log, [])
             if entry["realised"]:
                 came.append({**entry["realised"], "new_ambient": somewhere_new})
@@ -124,7 +124,7 @@ def nothing(seed: int) -> dict:
         bench = FileBench(truth, Path(folder) / "own", seed)
         decision, named, tied = None, set(), 0
         while True:
-            decision = decide(bench.campaign(), goals, decision)
+            decision = decide(bench.seen(), goals, decision)
             alone = [v for v in decision.verdicts.values() if v.dispute is None]
             named |= {effect for verdict in alone for effect in verdict.named}
             tied += bool(decision.tied)

@@ -90,7 +90,7 @@ def world(pair: int, seed: int, how: str) -> dict:
             if how == LATER:
                 decision = waiting.decide(bench, goals, decision)
             else:
-                decision = decide(bench.campaign(), goals, decision)
+                decision = decide(bench.seen(), goals, decision)
             if how in (ADAPTIVE, LATER):
                 was_tied, log = bool(log and log["tied"]), log_entry(decision, goals, log, [])
                 came = log["realised"]

@@ -132,10 +132,9 @@ class Loop:
         while True:
             began_s = self._bench.clock.now()
             self.decision = decision = decide(
-                seen[0] if seen else None,
+                seen,
                 self._goals,
                 remembered(last),
-                beside=seen[1:],
                 feasible=partial(self._wanted, tuple(vetoed)),
                 surroundings=surroundings_of(self._bench),
                 later=self._later,

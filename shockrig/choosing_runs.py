@@ -171,6 +171,6 @@ def _planned(
             made = outcomes(campaign.path, [campaign], say)
         made = {place: one for place, one in made.items() if place in {sensor_name(n, campaign.probe) for n in wanted}}
         population = None if fleet is None else fleet_given(fleet).population
-        decision = decide(only(campaign, wanted), goals, count=runs, made=made, population=population, progress=say)
+        decision = decide([only(campaign, wanted)], goals, count=runs, made=made, population=population, progress=say)
     document = plan_document(decision, goals)
     return Planned(tuple(document["runs"]), tuple(advice), decision.status, decision.reason, tuple(document["goals"]))

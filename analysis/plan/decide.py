@@ -63,11 +63,10 @@ def anything(shock: PlannedShock) -> bool:
 
 
 def decide(
-    campaign: Campaign | None,
+    campaigns: Sequence[Campaign],
     goals: Goals,
     before: Decision | None = None,
     *,
-    beside: Sequence[Campaign] = (),
     count: int = 1,
     feasible: Callable[[PlannedShock], bool] = anything,
     surroundings: Surroundings = ORDINARY,
@@ -81,14 +80,12 @@ def decide(
 
     Parameters
     ----------
-    campaign : Campaign or None
-        What has been recorded; None where nothing has.
+    campaigns : sequence of Campaign
+        What has been recorded, as each probe saw it; none where nothing has. Goals and ties are those of all probes, so
+        that a run which serves several is worth more.
     goals : Goals
     before : Decision, optional
         The last one on this campaign: which explanations were tied, since which runs.
-    beside : sequence of Campaign
-        The same runs as further probes saw them: goals and ties are theirs too, so a run that serves several is worth
-        more.
     count : int
         How many runs to choose.
     feasible : function of a Shock
@@ -107,16 +104,14 @@ def decide(
         Of the sensors' type: what is known of them before any run, where they belong to it.
     progress : function of a sentence, optional
     """
-    campaigns = () if campaign is None else (campaign, *beside)
-    before = Decision("", "") if before is None else before
-    if campaigns:
-        before = with_due(campaigns, before, due)
+    before = with_due(campaigns, before or Decision("", ""), due)
     _demand_sensors(goals, campaigns)
-    usual = usual_of(campaign, goals, surroundings)
+    usual = usual_of(next(iter(campaigns), None), goals, surroundings)
     campaigns = tuple(checked(one).campaign for one in campaigns)
-    campaign = campaigns[0] if campaigns else None
+    campaign = next(iter(campaigns), None)
+    runs = () if campaign is None else campaign.runs
     spent = 0.0 if campaign is None else sum(spent_minutes(campaign).values())
-    recorded = () if campaign is None else tuple(run.id for run in campaign.runs)
+    recorded = tuple(run.id for run in runs)
 
     looks, verdicts = _look(campaigns, before.verdicts, False, later, made, progress)
     found, fleets, wanted = _known(campaigns, verdicts, goals, population, progress)
@@ -132,8 +127,7 @@ def decide(
     chased, new = before.chased, set(recorded) - set(before.recorded)
     gained = sum(gained_by(new, own, [t for t in wanted if t.probe == p]) for p, own in found.items()) if new else None
     state = Decision("", "", recorded, spent, tuple(wanted), verdicts, (), (), chased, unvaried, gained)
-    anchor = None if campaign is None or not campaign.runs else campaign.runs[0]
-    designs = Designs.of(found, looks, wanted, goals, usual, feasible, anchor, population, fleets)
+    designs = Designs.of(found, looks, wanted, goals, usual, feasible, next(iter(runs), None), population, fleets)
     if not unvaried and not (goals.ties and first) and (ended := ended_by(state, goals, looks)):
         return replace(state, status=ended[0], reason=ended[1])
     minutes = learn(campaign)
@@ -141,11 +135,11 @@ def decide(
         chosen = [Choice(s, minutes.of(None, s)) for s in first][:count]
         considered = tuple(chosen)
     else:
-        chosen, considered = choose_runs(designs, minutes, () if campaign is None else campaign.runs, count)
+        chosen, considered = choose_runs(designs, minutes, runs, count)
         chosen = _with_second_probe(looks.values(), chosen) if len(campaigns) == 1 else chosen
     left = any(v.left for v in verdicts.values()) and not any(v.describes for v in verdicts.values())
-    if goals.ties and campaign and left and chased < MOST_UNEXPLAINED and not first:
-        chosen, chased = chase(designs, campaign.runs, minutes)[:count], chased + 1
+    if goals.ties and left and chased < MOST_UNEXPLAINED and not first:
+        chosen, chased = chase(designs, runs, minutes)[:count], chased + 1
     if not chosen:
         reason = f"no run of the menu brings what is missing: {missing(state)}"
         return replace(state, status=INCONCLUSIVE, reason=reason)

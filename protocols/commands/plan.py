@@ -163,10 +163,9 @@ def _plan_runs(args: argparse.Namespace) -> int:
     feasible = anything if bench is None else feasible_on(bench)
     surroundings = ORDINARY if bench is None else surroundings_of(bench)
     decision = decide(
-        campaign,
+        seen,
         goals,
         remembered(last),
-        beside=seen[1:],
         count=args.runs,
         feasible=feasible,
         surroundings=surroundings,

@@ -105,7 +105,7 @@ def test_without_its_log_the_same_files_give_the_same_decision(killed, tmp_path)
     from dataclasses import replace
 
     goals = parse_goals(GOALS)
-    again = decide(replace(campaign, runs=tuple(first)), goals, remembered(before[0]))
+    again = decide([replace(campaign, runs=tuple(first))], goals, remembered(before[0]))
     entry = json.loads(json.dumps(log_entry(again, goals, before[0], [])))
     assert entry == before[1]
 

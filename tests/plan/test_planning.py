@@ -179,13 +179,13 @@ def test_what_a_run_brought_is_told_by_its_own_record(tmp_path):
     """As much as was expected of it; less where it was noisy, nothing where it was lost; its value does not matter."""
     wanted = targets(parse_goals("D 0.3 % at 20"), None)
     bench = recorded(tmp_path / "well", LIVELY, [UP, DOWN, UP, DOWN, UP])
-    before = decide(bench.campaign(), parse_goals("D 0.01 % at 20"))
+    before = decide(bench.seen(), parse_goals("D 0.01 % at 20"))
     part = measured(bench.campaign()).humidity
     told = information(part.parts[0].problem, part.parts[0].fit, part.noise, [DOWN], [20.0])
     bench.record_run(DOWN.as_run())
     well = gained_by({"0006"}, measured(bench.campaign()), wanted)
     assert well == pytest.approx(nats(told.known, told.known + told.added[0], [0]), rel=0.15)
-    later = decide(bench.campaign(), parse_goals("D 0.01 % at 20"), before)
+    later = decide(bench.seen(), parse_goals("D 0.01 % at 20"), before)
     assert later.gained == pytest.approx(well, rel=1e-6)
     assert well == pytest.approx(0.5 * np.log(6 / 5), rel=0.05)  # runs that are as good as one another
     noisy = recorded(tmp_path / "noisy", LIVELY, [UP, DOWN, UP, DOWN, UP])
@@ -396,7 +396,7 @@ def finished(tmp_path_factory):
     bench = bench_script.FileBench(LIVELY, tmp_path_factory.mktemp("loop") / "c", 1)
     decision, log = None, []
     while decision is None or decision.status == "continue":
-        decision = decide(bench.campaign(), goals, decision)
+        decision = decide(bench.seen(), goals, decision)
         log.append(log_entry(decision, goals, log[-1] if log else None, []))
         for choice in decision.choices:
             bench.record_run(choice.shock.as_run())
@@ -438,7 +438,7 @@ def test_the_same_files_give_the_same_decision(finished):
     bench, goals, _, log = finished
     last = log[-2]
     part = replace(bench.campaign(), runs=bench.campaign().runs[: len(last["recorded"])])
-    again = decide(part, goals, remembered(log[-3]))
+    again = decide([part], goals, remembered(log[-3]))
     assert [c.shock.as_run() for c in again.choices] == [s.as_run() for s in chosen(last)]
 
 
@@ -471,18 +471,18 @@ def test_a_spent_budget_is_inconclusive_and_says_what_is_missing(finished):
     bench, _, _, log = finished
     campaign = bench.campaign()
     part = replace(campaign, runs=campaign.runs[:2])
-    stopped = decide(part, parse_goals("alpha 0.01 %, minutes 1"), None)
+    stopped = decide([part], parse_goals("alpha 0.01 %, minutes 1"), None)
     assert stopped.status == INCONCLUSIVE and "1 minutes are spent; alpha" in stopped.reason
-    free = decide(part, parse_goals("alpha 0.01 %, minutes 400"), None)
+    free = decide([part], parse_goals("alpha 0.01 %, minutes 400"), None)
     assert free.status == "continue" and free.choices
 
 
 def test_without_minutes_it_ends_where_no_run_brings_enough(finished):
     campaign = finished[0].campaign()
     part = replace(campaign, runs=campaign.runs[:6])
-    stopped = decide(part, parse_goals("alpha 0.01 %"), None)
+    stopped = decide([part], parse_goals("alpha 0.01 %"), None)
     assert stopped.status == INCONCLUSIVE and "no run brings 1 % of a goal" in stopped.reason
-    assert decide(part, parse_goals("alpha 0.01 %, minutes 400"), None).choices
+    assert decide([part], parse_goals("alpha 0.01 %, minutes 400"), None).choices
 
 
 def at_hours(campaign, hours):
@@ -499,7 +499,7 @@ def at_hours(campaign, hours):
 
 def test_without_minutes_no_time_is_too_long(finished):
     """Runs some hours apart: what is asked for is still to be recorded, and the bench needs as long as it does."""
-    decision = decide(at_hours(finished[0].campaign(), 2.5 * np.arange(7)), parse_goals("alpha 0.1 %"), None)
+    decision = decide([at_hours(finished[0].campaign(), 2.5 * np.arange(7))], parse_goals("alpha 0.1 %"), None)
     assert decision.minutes_spent > 240.0 and decision.status == CONTINUE and decision.choices
 
 
@@ -514,25 +514,25 @@ def test_a_lunch_break_is_not_spent_and_teaches_nothing(finished):
 
 def test_an_empty_campaign_begins_with_both_quantities_and_a_veto_is_kept(finished):
     goals = Goals((Precision("alpha", 0.01), Precision("D", 0.01)), ambients_c=(20.0,))
-    first = decide(None, goals, count=4)
+    first = decide((), goals, count=4)
     assert [c.shock for c in first.choices] == opening(20.0, Usual())
-    other = decide(None, goals, count=4, feasible=lambda shock: shock != first.choices[0].shock)
+    other = decide((), goals, count=4, feasible=lambda shock: shock != first.choices[0].shock)
     assert first.choices[0].shock not in [c.shock for c in other.choices]
-    dry = decide(None, goals, count=4, feasible=lambda shock: shock.isothermal)
+    dry = decide((), goals, count=4, feasible=lambda shock: shock.isothermal)
     assert all(c.shock.isothermal for c in dry.choices)
 
 
 def test_where_the_first_runs_cannot_be_another_of_the_menu_begins():
     """A chamber that cannot dry below 30 %RH, say, or an operator who wants none of them."""
     goals = parse_goals("D 1 % at 20")
-    damp = decide(None, goals, feasible=lambda shock: min(shock.source_percent, shock.destination_percent) >= 30.0)
+    damp = decide((), goals, feasible=lambda shock: min(shock.source_percent, shock.destination_percent) >= 30.0)
     assert damp.choices and min(damp.choices[0].shock.source_percent, damp.choices[0].shock.destination_percent) >= 30.0
     assert damp.choices[0].shock.isothermal
-    first = decide(None, goals, count=4).choices
+    first = decide((), goals, count=4).choices
     assert len(first) == 2  # up and down
-    others = decide(None, goals, count=4, feasible=lambda shock: shock not in [c.shock for c in first]).choices
+    others = decide((), goals, count=4, feasible=lambda shock: shock not in [c.shock for c in first]).choices
     assert others and not {c.shock for c in others} & {c.shock for c in first}
-    assert decide(None, goals, feasible=lambda shock: False).status == INCONCLUSIVE
+    assert decide((), goals, feasible=lambda shock: False).status == INCONCLUSIVE
 
 
 def test_one_run_in_another_direction_or_airflow_is_not_enough(tmp_path):
@@ -627,10 +627,10 @@ def test_ties_are_not_decided_while_a_channel_has_too_few_runs_to_be_judged(tmp_
     """One run of each says nothing of ties, though nothing is tied; then come those that vary what no two runs have."""
     bench = recorded(tmp_path, LIVELY, [UP])
     goals = parse_goals("ties decided, minutes 60")
-    one = decide(bench.campaign(), goals)
+    one = decide(bench.seen(), goals)
     assert one.status == CONTINUE and not one.choices[0].shock.isothermal
     bench.record_run(COOL.as_run())
-    both = decide(bench.campaign(), goals, one)
+    both = decide(bench.seen(), goals, one)
     assert both.status == CONTINUE and both.unvaried and "fewer than two runs" in both.reason
     assert both.choices[0].worth >= 0.5 and both.choices[0].shock != COOL
     assert chosen_section([log_entry(both, goals, None, [])], tmp_path)  # a page without goals of precision

@@ -30,7 +30,7 @@ def left(tmp_path_factory):
     decision = None
     for shock in (*(COOL, WARM) * 4, COOL):
         if bench.runs == 8:
-            decision = decide(bench.campaign(), GOALS, later=True)
+            decision = decide(bench.seen(), GOALS, later=True)
         bench.record_run(shock.as_run())
         (bench.folder / "runs" / f"{bench.runs:04d}" / "hyt.csv").unlink()
     return bench, decision

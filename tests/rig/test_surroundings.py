@@ -92,7 +92,7 @@ def test_the_menu_has_what_bench_and_campaign_have(tmp_path):
     from shockrig.analysis.plan.varied import usual_of
 
     assert usual_of(None, goals, Surroundings((700.0, 1000.0), (800.0,))).other == Surroundings((700.0,), (800.0,))
-    assert decide(None, goals, surroundings=Surroundings((700.0,))).choices
+    assert decide((), goals, surroundings=Surroundings((700.0,))).choices
 
 
 def test_a_person_is_asked_when_they_change():
