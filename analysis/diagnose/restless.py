@@ -44,7 +44,6 @@ FEWEST_PLATEAUS = 4  # twice as many tell a hum
 
 @dataclass(frozen=True)
 class _Plateau:
-    run: int
     time_s: Array
     value: Array
 
@@ -102,7 +101,7 @@ def _taken_out(channel: Channel, ends: Sequence[_Ends], near_hz: float, looks: f
     swings = [_swing(one, frequency) for one in ends]
     both, left = np.array([one for one, _ in swings]), np.array([left for _, left in swings])
     square = (both**2).sum(axis=1)
-    by_noise = 4.0 * left / np.array([one.value.size for one in ends]) ** 2
+    by_noise = 4.0 * left / np.array([max(one.value.size, 1) for one in ends]) ** 2
     seen = square > SEEN_SQUARE * by_noise
     if not seen.any():
         return None
@@ -151,14 +150,14 @@ def plateaus_of(time: Array, period_s: float) -> tuple[NDArray[np.bool_], NDArra
 def plateaus(channel: Channel) -> Iterator[_Plateau]:
     """Each plateau of a channel, a slow bend taken off, as far as it is looked at."""
     period = channel.sampling_period_s
-    for run, ((time, value), air) in enumerate(zip(channel.samples, channel.air, strict=True)):
+    for (time, value), air in zip(channel.samples, channel.air, strict=True):
         if air is not None:
             continue  # there is no plateau in a record that was driven all along
         for part in plateaus_of(time, period):
             t, y = time[part], value[part]
             if y.size >= LEAST_PLATEAU and np.ptp(y) > 0:
                 early = t - t[0] < LONGEST_S
-                yield _Plateau(run, t[early], (y - np.polyval(np.polyfit(t, y, 2), t))[early])
+                yield _Plateau(t[early], (y - np.polyval(np.polyfit(t, y, 2), t))[early])
 
 
 @dataclass(frozen=True)

@@ -109,6 +109,6 @@ def test_plateaus_that_mostly_repeat_a_value_or_end_at_once_have_no_hum(monkeypa
     time_s = np.arange(0.0, 40.0, 0.1)
     still, short = np.where(time_s < 1.0, 0.01, 0.0), np.array([0.0, 0.1, -0.1])
     for value in (still, short):
-        pieces = [restless._Plateau(run, time_s[: value.size], value) for run in range(8)]
+        pieces = [restless._Plateau(time_s[: value.size], value) for _ in range(8)]
         monkeypatch.setattr(restless, "plateaus", lambda _, pieces=pieces: pieces)
         assert without_hums(channel) == (channel, ())
