@@ -561,8 +561,8 @@ def resolution_of(values: Array) -> float:
     """Smallest step between the values that occur, or the step of the grid that nearly all of them lie on (what was put
     in between is on no step of the log), or of those that occur again where that many do; 0 where there is but one."""
     values = np.round(values[:20000], 9)
-    levels, counts = np.unique(values, return_counts=True)
-    again = np.flatnonzero(counts > 1)
+    every, counts = np.unique(values, return_counts=True)
+    levels, again = every, np.flatnonzero(counts > 1)
     if grid := _grid(values, levels, counts):
         return grid
     if counts[again].sum() > REPEATED_SHARE * counts.sum() and (again.size >= FEWEST_LEVELS or _steps(counts, again)):
@@ -573,8 +573,10 @@ def resolution_of(values: Array) -> float:
     step = float(np.quantile(steps, 0.05, method="lower"))
     taken = np.count_nonzero(np.abs(np.abs(np.diff(values)) / step - 1.0) < OFF_GRID)
     if levels.size < FEWEST_LEVELS and taken < FEWEST_CHANGES:
-        # levels that the air went between once are steps apart that nobody saw; all are multiples of the step
-        step = float(np.gcd.reduce(np.round(levels * 1e9).astype(np.int64))) / 1e9
+        # levels that the air went between once are steps apart that nobody saw; all are multiples of the step, those
+        # that occurred once as well, unless they are on none
+        of_some, of_all = (float(np.gcd.reduce(np.round(v * 1e9).astype(np.int64))) / 1e9 for v in (levels, every))
+        step = of_all if of_all > OFF_GRID * of_some else of_some
     return step
 
 
@@ -584,8 +586,11 @@ def _grid(values: Array, levels: Array, counts: NDArray[np.int64]) -> float:
     At least half of its lines are held, each by many readings, which go from one line to the next often enough; on
     every second line of a grid lies half of what is on it.
     """
-    often = int(counts.max(initial=0))
-    for step in np.unique(np.round(np.diff(levels[counts > 1]), 9))[::-1].tolist():
+    often, again = int(counts.max(initial=0)), counts > 1
+    # those that are held most have fewer between them that are on no step
+    most_held = counts >= np.median(counts[again]) if again.any() else again
+    steps = [np.unique(np.round(np.diff(levels[some]), 9))[::-1] for some in (again, most_held)]
+    for step in np.concatenate(steps).tolist():
         line = (levels - levels[np.argmax(counts)]) / step
         on = np.abs(line - np.round(line)) < OFF_GRID
         held, of_level = np.unique(np.round(line[on]), return_inverse=True)

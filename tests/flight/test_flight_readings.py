@@ -965,6 +965,11 @@ def test_the_step_of_a_log_is_that_of_the_grid_its_readings_lie_on():
     seldom = np.round(24.0 - 14.0 * np.tanh((np.arange(240) - 120.0) / 5.0))  # few rows on a step, then stuck
     seldom[40:64] = 23.0 + 0.0061 * rng.integers(-1, 2, 24)
     assert resolution_of(seldom) == 1.0
+    door = np.concatenate([rng.permutation(np.repeat([22.0, 22.25], [46, 97])), [18.25, 6.0, 4.75], np.full(269, 4.5)])
+    door[60:75] = 22.0 + 0.01 * rng.integers(-1, 2, 15)  # it dithers between the only two levels that are held beside
+    assert resolution_of(door) == 0.25
+    ramp = np.concatenate([np.full(109, 25.5), [25.0, 24.5, 24.0, 23.5, 22.5, 22.5, 22.0, 21.5], np.full(122, 21.0)])
+    assert resolution_of(ramp) == 0.5  # what occurs again is three steps apart
 
 
 def test_a_sensor_that_stands_to_the_end_of_the_log_is_said_to():
