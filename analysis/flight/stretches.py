@@ -480,13 +480,14 @@ def stuck_rows(values: Array, resolution: float, noise: float, scatter: Array) -
     if resolution == 0.0 or not moving.size:
         return stuck
     own = min(noise, float(np.quantile(moving, 0.1)))
-    for levels, near in ((0.0, 0.5), (2.0 * STUCK_LEVELS, STUCK_LEVELS))[resolution > COARSE_IN_NOISE * own :]:
-        least = fewest_by_chance(near * resolution, own)
+    # readings on as many steps of the log as lie within are one less apart
+    for levels in (1.0, 2.0 * STUCK_LEVELS)[resolution > COARSE_IN_NOISE * own :]:
+        least = fewest_by_chance(0.5 * levels * resolution, own)
         if least > values.size // 2:
             continue
         half = int(least) // 2
         apart = maximum_filter1d(values, 2 * half + 1) - minimum_filter1d(values, 2 * half + 1)
-        narrow = apart < (levels + 1e-3) * resolution
+        narrow = apart < (levels - 0.999) * resolution
         narrow[:half] = narrow[values.size - half :] = False
         stuck |= maximum_filter1d(narrow, 2 * half + 1)
     return stuck
