@@ -354,7 +354,7 @@ def screen(
     # where the resolution is coarser than the noise, equal neighbours are the rule and each tells something
     repeated[rows] = same_time | (same_value & (resolution < 1.5 * noise) & (not by_steps))
     usable = believed & ~(repeated & ~_by_chance(reading, rows, same_time, same_value, resolution))
-    stuck = stretches.stood | stretches.stuck
+    stuck = stretches.stood if by_steps else stretches.stood | stretches.stuck
     usable &= ~stuck
     repeated |= stuck
     if stale is not None:
