@@ -86,8 +86,7 @@ def _certain_hum(channel: Channel, codes: float) -> _Hum | None:
     pieces = [p for p in plateaus(channel) if _spread(p.value) > 0.0]  # one that mostly repeats a value has no spectrum
     if len(pieces) < 2 * FEWEST_PLATEAUS:
         return None
-    period_s = channel.sampling_period_s
-    ends = [_ends_of(time, value, plateaus_of(time, period_s)) for time, value in channel.samples]
+    ends = [_ends_of(time, value, parts) for time, value, parts in _at_rest(channel)]
     looks = float(np.mean([piece.value.size for piece in pieces]))
     line_hz, swing_hz = _highest_line(channel, pieces), _best_swing(channel, ends, pieces)
     found = [_taken_out(channel, ends, hz, looks, codes) for hz in (line_hz, swing_hz) if hz is not None]
@@ -135,9 +134,9 @@ def _in_phase_by_chance(channel: Channel, frequency_hz: float) -> float:
     """How likely the plateaus before and after the transfers swing so much in phase where they are not one swing: what
     wanders, or is the end of a response, has phases of its own on either side."""
     turned = []
-    for time, value in channel.samples:
-        parts = plateaus_of(time, channel.sampling_period_s)
-        before, after = (_swing(_ends_of(time, value, (part,)), frequency_hz)[0] @ (1.0, 1j) for part in parts)
+    for time, value, parts in _at_rest(channel):
+        swings = [_swing(_ends_of(time, value, (part,)), frequency_hz)[0] @ (1.0, 1j) for part in parts]
+        before, after = swings or (0.0, 0.0)
         turned.append(np.cos(np.angle(before * np.conj(after))) if before * after != 0.0 else 0.0)
     return float(special.ndtr(-np.sqrt(2.0 * len(turned)) * np.mean(turned)))
 
@@ -147,13 +146,16 @@ def plateaus_of(time: Array, period_s: float) -> tuple[NDArray[np.bool_], NDArra
     return time < -2 * period_s, time > 0.67 * time[-1]
 
 
+def _at_rest(channel: Channel) -> Iterator[tuple[Array, Array, Sequence[NDArray[np.bool_]]]]:
+    """Each run's times and readings (n,) and its plateaus; a record that was driven all along has none."""
+    for (time, value), air in zip(channel.samples, channel.air, strict=True):
+        yield time, value, plateaus_of(time, channel.sampling_period_s) if air is None else ()
+
+
 def plateaus(channel: Channel) -> Iterator[_Plateau]:
     """Each plateau of a channel, a slow bend taken off, as far as it is looked at."""
-    period = channel.sampling_period_s
-    for (time, value), air in zip(channel.samples, channel.air, strict=True):
-        if air is not None:
-            continue  # there is no plateau in a record that was driven all along
-        for part in plateaus_of(time, period):
+    for time, value, parts in _at_rest(channel):
+        for part in parts:
             t, y = time[part], value[part]
             if y.size >= LEAST_PLATEAU and np.ptp(y) > 0:
                 early = t - t[0] < LONGEST_S
@@ -199,7 +201,7 @@ def _swing(ends: _Ends, frequency_hz: float) -> tuple[Array, float]:
     they leave."""
     swing = _columns(ends.time_s, frequency_hz)
     beside = swing - ends.bends @ (ends.bends.T @ swing)
-    both = np.linalg.lstsq(beside, ends.value, rcond=None)[0]
+    both = np.linalg.pinv(beside.T @ beside) @ (beside.T @ ends.value)
     rest = ends.value - beside @ both
     return np.asarray(both), float(rest @ rest) + rest.size * LEAST_LEFT**2
 
