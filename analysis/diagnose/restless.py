@@ -59,21 +59,34 @@ class _Hum:
 
 
 def without_hums(channel: Channel) -> tuple[Channel, tuple[Discovered, ...]]:
-    """A channel with each hum that is certain taken out of its readings, one after the other, and these hums."""
+    """A channel with each hum that is certain taken out of its readings, one after the other, and these hums.
+
+    What shows a line beside another has no one frequency: it is noise of a narrow band, of which more and more lines
+    would be found, that fit the plateaus and nothing between them.
+    """
     found: list[_Hum] = []
+    stated: list[_Hum] = []
     codes = rounding_step(channel) or channel.quantity.resolution
     while (one := _certain_hum(channel, codes)) is not None:
+        if not any(_is_overtone(channel, one, of) for of in found):
+            if any(_is_beside(channel, one, of) for of in stated):
+                break
+            stated.append(one)
         channel = one.quiet
         found.append(one)
-    hums = (one for place, one in enumerate(found) if not any(_is_overtone(channel, one, of) for of in found[:place]))
-    return channel, tuple(one.stated for one in hums)
+    return channel, tuple(one.stated for one in stated)
+
+
+def _is_beside(channel: Channel, one: _Hum, of: _Hum) -> bool:
+    """Whether a hum is so near another one that a plateau tells one line from the noise beside the other."""
+    return abs(one.frequency_hz - of.frequency_hz) < BESIDE_WIDTHS * _width(list(plateaus(channel)))
 
 
 def _is_overtone(channel: Channel, one: _Hum, of: _Hum) -> bool:
     """Whether a hum is another one's overtone, as a swing that is no sine has some, also as the sampling folds it."""
     seen = np.array([one.frequency_hz, 1.0 / channel.sampling_period_s - one.frequency_hz])
     times = np.round(seen / of.frequency_hz)
-    return bool((np.abs(seen - times * of.frequency_hz) < _in_turn(channel, NEAR_TURN)).any())
+    return bool((np.abs(seen - times * of.frequency_hz) < _in_turn(channel, NEAR_TURN))[times > 1.0].any())
 
 
 def _certain_hum(channel: Channel, codes: float) -> _Hum | None:
@@ -99,9 +112,9 @@ def _taken_out(channel: Channel, ends: Sequence[_Ends], near_hz: float, looks: f
     frequency = _in_step(channel, ends, near_hz)
     swings = [_swing(one, frequency) for one in ends]
     both, left = np.array([one for one, _ in swings]), np.array([left for _, left in swings])
-    square = (both**2).sum(axis=1)
-    by_noise = 4.0 * left / np.array([max(one.value.size, 1) for one in ends]) ** 2
-    seen = square > SEEN_SQUARE * by_noise
+    square, readings = (both**2).sum(axis=1), np.array([one.value.size for one in ends])
+    by_noise = 4.0 * left / np.maximum(readings, 1) ** 2
+    seen, told = square > SEEN_SQUARE * by_noise, readings > 0
     if not seen.any():
         return None
     size = float(np.sqrt(np.median((square - by_noise)[seen])))
@@ -111,12 +124,12 @@ def _taken_out(channel: Channel, ends: Sequence[_Ends], near_hz: float, looks: f
     noise = estimate_noise(quiet, rounding_step(quiet) or channel.quantity.resolution)
     if max(size, noise.increment) < level("hidden_noise") * codes:
         return None  # codes that repeat have lines of their own
-    gamma = noise.autocovariance(int(np.median([one.value.size for one in ends])))
+    gamma = noise.autocovariance(int(np.median(readings[told])))
     lag = np.arange(gamma.size)
     usual = gamma * np.where(lag == 0, 1.0, 2.0) * (1.0 - lag / gamma.size)
     density = float((usual * np.cos(2.0 * np.pi * frequency * lag * channel.sampling_period_s)).sum())
     taken = sum(one.square - rest for one, rest in zip(ends, left, strict=True))
-    chance = looks * float(special.gammaincc(len(ends), 0.5 * taken / max(density, TINY)))
+    chance = looks * float(special.gammaincc(told.sum(), 0.5 * taken / max(density, TINY)))
     # Cramer and Rao over the length of whole runs (Rife and Boorstyn 1974, doi 10.1109/TIT.1974.1055282).
     span_s = float(np.median([time[-1] - time[0] for time, _ in channel.samples]))
     u = np.sqrt(1.5 / (1.0 / by_noise[seen]).sum()) / (np.pi * size * span_s)
@@ -124,7 +137,7 @@ def _taken_out(channel: Channel, ends: Sequence[_Ends], near_hz: float, looks: f
         behaves_as="periodic",
         driver="none",
         period_s=Uncertain(1.0 / frequency, float(u) / frequency**2),
-        size=EffectSize(size, float(np.sqrt(square).std(ddof=1) / np.sqrt(square.size)), channel.quantity.unit),
+        size=EffectSize(size, float(np.sqrt(square[told]).std(ddof=1) / np.sqrt(told.sum())), channel.quantity.unit),
         probability=1.0,
     )
     return _Hum(chance, frequency, quiet, hum)

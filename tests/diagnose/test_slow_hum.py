@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from shockrig.analysis.diagnose import restless
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
@@ -95,6 +96,29 @@ def test_a_hum_as_large_as_the_tolerance_is_described_and_no_noise(tmp_path):
 def test_wandering_noise_is_no_hum(seed, tmp_path):
     channel = recorded(tmp_path, seed)
     assert without_hums(channel) == (channel, ())
+
+
+def test_noise_of_a_narrow_band_is_no_more_than_one_hum(tmp_path):
+    """Before: 15 to 30 of them, which fit the plateaus alone; the noise was then half of what runs are off by."""
+    channel, rng = recorded(tmp_path, 1), np.random.default_rng(1)
+    turn = 2.0 * 0.98 * np.cos(2.0 * np.pi * 1.0 * channel.sampling_period_s)
+    runs = [lfilter([1.0], [1.0, -turn, 0.98**2], rng.standard_normal(t.size + 999))[999:] for t, _ in channel.samples]
+    samples = [(t, value + 0.05 * own / own.std()) for (t, value), own in zip(channel.samples, runs, strict=True)]
+    quiet, found = without_hums(rebin(channel, samples, channel.bin_of, channel.die_samples, 1))
+    assert len(found) <= 1
+    assert np.median([value[time > 0.67 * time[-1]].std() for time, value in quiet.samples]) > 0.035
+
+
+def test_runs_without_plateaus_say_nothing_of_a_hum_though_they_are_the_most(tmp_path):
+    """A traceback before: the noise of a plateau of no readings was asked for."""
+    channel = recorded(tmp_path, 1)
+    samples = [(time, value + 0.1 * np.sin(2.5 * time)) for time, value in channel.samples]
+    few = [slice(None) if run < 8 else (time > -0.35) & (time < 1.05) for run, (time, _) in enumerate(samples)]
+    samples = [(time[kept], value[kept]) for (time, value), kept in zip(samples, few, strict=True)]
+    bins = [one[kept] for one, kept in zip(channel.bin_of, few, strict=True)]
+    _, (found,) = without_hums(rebin(channel, samples, bins, channel.die_samples, 1))
+    assert found.period_s.value == pytest.approx(2.0 * np.pi / 2.5, rel=0.002)
+    assert found.size.value == pytest.approx(0.1, rel=0.1)
 
 
 @pytest.mark.parametrize("step_k", [0.08, pytest.param(0.1, marks=pytest.mark.trial)])
