@@ -10,7 +10,7 @@ from shockrig.analysis.diagnose.shock import PlannedShock, from_run
 from shockrig.analysis.plan.choose import Choice, progress
 from shockrig.analysis.plan.evidence import label_of
 from shockrig.analysis.plan.goals import Goals, Place
-from shockrig.analysis.plan.judged import ChannelLook, Verdict
+from shockrig.analysis.plan.judged import FEWEST_JUDGED, ChannelLook, Verdict
 from shockrig.analysis.plan.precision import FEWEST_RUNS, Target
 from shockrig.files.campaign_names import FIRST_PROBE
 from shockrig.files.json_files import made_of, measured
@@ -72,12 +72,17 @@ def ended_by(state: Decision, goals: Goals, looks: Mapping[Place, ChannelLook]) 
     met = all(target.met for target in state.targets)
     tied, verdicts = state.tied, state.verdicts.values()
     unexplained = [name for name, verdict in state.verdicts.items() if verdict.left]
-    decided = not tied and all(v.runs or looks[n].problem is None for n, v in state.verdicts.items())
+    given_up = [place for place, look in looks.items() if look.given_up]
+    judged = all(v.runs or looks[n].problem is None for n, v in state.verdicts.items())
+    decided = judged and not tied and not given_up
     if met and (not goals.ties or (decided and not unexplained)):
         named = dict.fromkeys(e for v in verdicts for e in v.named)
         enough = "the plain model is enough" if any(v.runs for v in verdicts) else "nothing was diagnosed"
         stands = f"named: {', '.join(named)}" if named else "" if tied else enough
         return DONE, "; ".join(filter(None, ("all goals are met", stands, *_said(tied))))
+    if met and given_up and not tied and not unexplained:
+        too_few = f"fewer than {FEWEST_JUDGED} runs can be used, too few to judge by"
+        return INCONCLUSIVE, f"{' and '.join(given_up)}: {too_few}"
     if met and goals.ties and unexplained and not tied and state.chased >= MOST_UNEXPLAINED:
         others = [label_of(v.causes, [v.causes, {}]) for v in verdicts if v.verdict == "described"]
         how = f"; it behaves like {' and '.join(others)}" if others else ""

@@ -109,19 +109,23 @@ class Verdict:
 
 FALSE_ALARMS = 0.01  # of campaigns in which a look may choose wrongly
 MOST_TIED = 6  # beside the best one
-FEWEST_RUNS = 4  # that are diagnosed before the end
+FEWEST_JUDGED = 4  # that are diagnosed before the end
 MOST_RUNS_TRIED = 24  # by which a channel is given up of which fewer can be used
 MORE_RUNS = 1.2  # times as many as at the last diagnosis, from which on one that left something is made again
 
 
 @dataclass(frozen=True)
 class ChannelLook:
-    """A channel at one look: its verdict, and the fits that a design needs (None where it cannot be diagnosed)."""
+    """A channel at one look: its verdict, and the fits that a design needs (None where it cannot be diagnosed).
+
+    `given_up` is True where many runs were made, and too few of them can be used to judge by.
+    """
 
     verdict: Verdict
     problem: Problem | None = None
     noise: Noise | None = None
     rivals: tuple[Fit, ...] = ()
+    given_up: bool = False
 
 
 def spending(look: int) -> float:
@@ -153,15 +157,17 @@ def look_at(
         Of a diagnosis that somebody made of this campaign: it is taken where one of the same runs is wanted.
     """
     channel = build_channel(campaign, name)
-    if channel is None or not enough(channel) or channel.runs < FEWEST_RUNS and len(campaign.runs) >= MOST_RUNS_TRIED:
+    if channel is None or not enough(channel):
         return ChannelLook(before)
+    if channel.runs < FEWEST_JUDGED and len(campaign.runs) >= MOST_RUNS_TRIED:
+        return ChannelLook(before, given_up=not before.runs)
     ready = prepare(channel)
     now, base = before, ready.structure
     if before.dispute is not None:
         so_far = tuple(against(ready.problem, base, before.dispute))
         now = replace(before, dispute=replace(before.dispute, against=so_far))
-    anew = final or before.due or now.decided or before.runs == 0 and channel.runs >= 2 * FEWEST_RUNS
-    if not anew and now.dispute is None and channel.runs >= FEWEST_RUNS:
+    anew = final or before.due or now.decided or before.runs == 0 and channel.runs >= 2 * FEWEST_JUDGED
+    if not anew and now.dispute is None and channel.runs >= FEWEST_JUDGED:
         current = fitted(ready.problem, now.causes, base)
         passed = judge(ready.problem, current).passed
         anew = (not passed or before.left) and channel.runs >= max(MORE_RUNS * before.runs, before.runs + 1)

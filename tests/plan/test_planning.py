@@ -634,3 +634,11 @@ def test_ties_are_not_decided_while_a_channel_has_too_few_runs_to_be_judged(tmp_
     assert both.status == CONTINUE and both.unvaried and "fewer than two runs" in both.reason
     assert both.choices[0].worth >= 0.5 and both.choices[0].shock != COOL
     assert chosen_section([log_entry(both, goals, None, [])], tmp_path)  # a page without goals of precision
+
+
+def test_a_channel_that_is_given_up_is_said_to_be_and_no_tie_is_decided(monkeypatch, tmp_path):
+    """Before: all goals were met, and the plain model was enough of what nobody had judged."""
+    monkeypatch.setattr("shockrig.analysis.plan.judged.MOST_RUNS_TRIED", 2)
+    ended = decide(recorded(tmp_path, LIVELY, [UP, COOL]).seen(), parse_goals("ties decided"))
+    assert ended.status == INCONCLUSIVE
+    assert ended.reason == "temperature and humidity: fewer than 4 runs can be used, too few to judge by"
