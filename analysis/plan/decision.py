@@ -76,10 +76,13 @@ def ended_by(state: Decision, goals: Goals, looks: Mapping[Place, ChannelLook]) 
     judged = all(v.runs or looks[n].problem is None for n, v in state.verdicts.items())
     decided = judged and not tied and not given_up
     if met and (not goals.ties or (decided and not unexplained)):
-        named = dict.fromkeys(e for v in verdicts for e in v.named)
-        enough = "the plain model is enough" if any(v.runs for v in verdicts) else "nothing was diagnosed"
+        named, seen = dict.fromkeys(e for v in verdicts for e in v.named), any(v.runs for v in verdicts)
+        enough = "the plain model is enough" if seen else "nothing was diagnosed"
         stands = f"named: {', '.join(named)}" if named else "" if tied else enough
-        return DONE, "; ".join(filter(None, ("all goals are met", stands, *_said(tied))))
+        unseen = [
+            f"{place}: no run shows it" for place, v in state.verdicts.items() if goals.ties and seen and not v.runs
+        ]
+        return DONE, "; ".join(filter(None, ("all goals are met", stands, *_said(tied), *unseen)))
     if met and given_up and not tied and not unexplained:
         too_few = f"fewer than {FEWEST_JUDGED} runs can be used, too few to judge by"
         return INCONCLUSIVE, f"{' and '.join(given_up)}: {too_few}"

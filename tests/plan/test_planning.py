@@ -30,6 +30,7 @@ from shockrig.analysis.plan.decision import (
     INCONCLUSIVE,
     Decision,
     chosen,
+    ended_by,
     log_entry,
     plan_document,
     remembered,
@@ -642,3 +643,12 @@ def test_a_channel_that_is_given_up_is_said_to_be_and_no_tie_is_decided(monkeypa
     ended = decide(recorded(tmp_path, LIVELY, [UP, COOL]).seen(), parse_goals("ties decided"))
     assert ended.status == INCONCLUSIVE
     assert ended.reason == "temperature and humidity: fewer than 4 runs can be used, too few to judge by"
+
+
+def test_a_channel_that_no_run_shows_is_said_to_be_beside_one_that_is_judged():
+    """Before: the plain model was enough, and nothing told that it was of one channel alone."""
+    judged, silent = Verdict("adequate", 8), Verdict()
+    state = Decision("", "", ("0001",), verdicts={"temperature": judged, "humidity": silent})
+    looks = {"temperature": ChannelLook(judged), "humidity": ChannelLook(silent)}
+    said = "all goals are met; the plain model is enough; humidity: no run shows it"
+    assert ended_by(state, parse_goals("ties decided"), looks) == ("done", said)
