@@ -276,15 +276,22 @@ class Race:
         """Each bare form in that group of runs, before one or from it on, in which it promises most."""
         place = self.beside(near)
         if not place.groups:
-            place.groups.extend(self._in_group(near, one) for one in self.bare)
+            found = (self._in_group(near, one) for one in self.bare)
+            place.groups.extend(one for one in found if one is not None)
             self.priors |= {one.effect.id: one.log_prior for one in place.groups}
         return place.groups
 
-    def _in_group(self, near: Rated, one: Candidate) -> Candidate:
+    def _in_group(self, near: Rated, one: Candidate) -> Candidate | None:
+        """A bare form in that group of runs in which it promises most; None where no other runs tell as much of it as
+        one of all runs does: what it does in them would be anything."""
         hows, sides = _sides(self.problem.channel)
         right, size = self._first_order(near, self._columns(near, one, one.starts), sides)
-        side = int(np.argmax(_promised(right, size, one.furthest).max(axis=1)))
-        return in_group_of(one, hows[side], self.problem.channel)
+        tells = size.sum(axis=1)
+        others = np.roll(tells, len(hows) // 2)  # of the runs that are not in a group
+        told = np.minimum(tells, others) * self.problem.channel.runs > tells + others
+        promised = np.where(told, _promised(right, size, one.furthest).max(axis=1), -np.inf)
+        side = int(np.argmax(promised))
+        return in_group_of(one, hows[side], self.problem.channel) if promised[side] > -np.inf else None
 
     def _first_order(self, near: Rated, columns: Array, groups: Array | None = None) -> tuple[Array, Array]:
         """Scores of columns and their variances, beside the model's parameters, discrepancy and random effects; with
