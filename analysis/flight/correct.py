@@ -137,11 +137,11 @@ def of_both_columns(flight: Flight, profile: Profile) -> tuple[Flight, dict[str,
     read, codes = without_codes(flight)
     told = codes.keys() & {EXCHANGED, DEGF}
     if told and slips(in_order(read)[0], profile):
-        came = {
-            name: np.where(np.isfinite(getattr(read, name)), getattr(flight, name), np.nan)
-            for name in ("temperature_c", "humidity_percent")
-        }
-        return replace(read, **came), {name: rows for name, rows in codes.items() if name not in told}
+        known = np.isfinite(np.stack([read.temperature_c, read.humidity_percent]))
+        known = np.where(codes.get(EXCHANGED, False), known[::-1], known)
+        came = np.where(known, np.stack([flight.temperature_c, flight.humidity_percent]), np.nan)
+        as_it_came = replace(read, temperature_c=came[0], humidity_percent=came[1])
+        return as_it_came, {name: rows for name, rows in codes.items() if name not in told}
     return read, codes
 
 

@@ -1,10 +1,14 @@
 """Which column holds what: exchanged columns that are told by what each quantity was last."""
 
+import importlib
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from benchmark_scripts import benchmark
 
 from shockrig.analysis.flight.columns import held
+from shockrig.files.flight import Flight
 
 ROW = np.arange(1200)
 RESOLUTIONS = (0.01, 0.006)
@@ -106,6 +110,25 @@ def test_of_a_log_that_is_exchanged_throughout_no_part_is_read_as_degf():
     fuzz = benchmark("fuzz_flights")
     found = fuzz.judged(202301, list(fuzz.DAMAGE))
     assert not any(found[channel]["outside"] or found[channel]["no_reading"] for channel in fuzz.CHANNELS)
+
+
+def test_a_code_in_an_exchanged_row_is_no_reading_of_a_log_that_is_given_as_it_came(monkeypatch):
+    """Before: the code came through, and the reading beside it was lost."""
+    nan = np.nan
+    temperature_c, humidity_percent = np.array([20.0, 20.1, 50.0, 51.0]), np.array([50.0, 50.5, -99.9, 20.3])
+    flight = Flight(np.arange(4.0), temperature_c, humidity_percent, *np.full((3, 4), nan))
+    read = replace(
+        flight,
+        temperature_c=np.array([20.0, 20.1, nan, 20.3]),  # of the last two rows, whose columns were put back
+        humidity_percent=np.array([50.0, 50.5, 50.0, 51.0]),
+    )
+    correct = importlib.import_module("shockrig.analysis.flight.correct")
+    monkeypatch.setattr(correct, "without_codes", lambda _: (read, {correct.EXCHANGED: np.arange(4) > 1}))
+    monkeypatch.setattr(correct, "slips", lambda *_: ["exchanged throughout"])
+    came, codes = correct.of_both_columns(flight, None)
+    np.testing.assert_array_equal(came.temperature_c, flight.temperature_c)
+    np.testing.assert_array_equal(came.humidity_percent, [50.0, 50.5, nan, 20.3])
+    assert codes == {}
 
 
 def test_nothing_is_filled_in_over_rows_of_which_nothing_tells_what_they_hold():
