@@ -40,7 +40,7 @@ A_HANDFUL, EXPECTED_SHARE = 1.5, 3e-4  # readings that are absurd in real logs, 
 NEAR_TURN, FEWEST_TURNS = 0.3, 2.0  # over a run: of a turn, within which swings keep step; turns that tell a swing
 TURN_CELLS = 32  # of a turn, within one of which readings are taken together where many frequencies are tried
 LEAST_READINGS = 8  # of a plateau that tells a swing
-FEWEST_PLATEAUS = 4  # twice as many tell a hum
+FEWEST_PLATEAUS = 8  # that tell a hum
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def _certain_hum(channel: Channel, codes: float) -> _Hum | None:
     then out of the noise as it is estimated once the line is gone, which cannot imitate it.
     """
     pieces = [p for p in plateaus(channel) if _spread(p.value) > 0.0]  # one that mostly repeats a value has no spectrum
-    if len(pieces) < 2 * FEWEST_PLATEAUS:
+    if len(pieces) < FEWEST_PLATEAUS:
         return None
     ends = [_ends_of(time, value, parts) for time, value, parts in _at_rest(channel)]
     looks = float(np.mean([piece.value.size for piece in pieces]))
