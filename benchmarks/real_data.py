@@ -10,7 +10,7 @@ it predicts. A set of one run has no held-out error: there the rivals' error is 
 
 `--logs` is a folder with the two sets as they were published; `data/real`, taken otherwise, holds thinned parts.
 `--cache` judges other sets in their place, from logs that this project does not hold (`real_cache_sets.py`
-and, for the third to the fourteenth group, `real_third_sets.py` to `real_fourteenth_sets.py` say which).
+and, for the third to the fifteenth group, `real_third_sets.py` to `real_fifteenth_sets.py` say which).
 """
 
 from __future__ import annotations
@@ -152,6 +152,7 @@ def main(argv: list[str] | None = None) -> int:
     from real_cache_sets import cached_sets
     from real_eighth_sets import eighth_sets
     from real_eleventh_sets import eleventh_sets
+    from real_fifteenth_sets import fifteenth_sets
     from real_fifth_sets import fifth_sets
     from real_fourteenth_sets import fourteenth_sets
     from real_fourth_sets import fourth_sets
@@ -189,7 +190,7 @@ def main(argv: list[str] | None = None) -> int:
     groups = (
         *(cached_sets, third_sets, fourth_sets, fifth_sets, sixth_sets),
         *(seventh_sets, eighth_sets, ninth_sets, tenth_sets, eleventh_sets, twelfth_sets, thirteenth_sets),
-        fourteenth_sets,
+        *(fourteenth_sets, fifteenth_sets),
     )
     cached = [real for group in groups for real in group()]
     sets, logs = (cached, args.cache) if args.cache else (real_sets(), args.logs)
