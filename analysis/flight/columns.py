@@ -1,8 +1,9 @@
 """Which of two columns of a log holds the temperature and which the humidity, row by row.
 
 A log is cut where a column jumps. What the pieces hold is told all at once: each is joined to what its quantity was
-last, whatever lies between, and of all chains of pieces each counts by how likely its joins are. A jump is as likely as
-the inverse of its size squared (Cauchy's distribution), down to what the column usually goes in as many rows.
+last, whatever lies between, and of all chains of pieces each counts by how likely its joins are. How far it went has
+Cauchy's distribution, of the width of what the column usually goes in as many rows, jumps apart. A column goes away
+from its place, or its unit, seldom; once there it comes back as it likes, so that a part of a log is one cause.
 """
 
 from __future__ import annotations
@@ -28,20 +29,22 @@ LEVEL_ROWS = 3  # at either end of a piece: single readings may be noise
 CHANGE = 7.0  # nats against columns that change place, or unit
 NOTHING = 16.0  # nats against a column that holds neither quantity from a jump on: a code, a burst
 # nats against all of a log being so, and against a part of it by its share
-ALL_NOTHING, ALL_WARM, ALL_ODD = 20.0, 24.0, 6.0  # odd: exchanged, or in degF
+ALL_NOTHING, ALL_WARM, ALL_ODD = 20.0, 24.0, 6.0  # odd: not in their usual place, exchanged usually, or in degF
 WARM_C = 35.0  # few airs are flown in that are warmer
 AIR_C = RANGES["temperature_c"]
 SURE = 0.8  # probability of what is done with a row
 CHAINS = 32  # that are followed at once: twice as many change nothing, half as many do
 
 # What a piece may hold: whether the columns are exchanged, and which of both quantities is in degF: a unit goes with
-# its quantity, or stays with the column that was converted.
-KINDS = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0), (1, 0, 1)])
+# its quantity, or stays with the column that was converted; and whether exchanged is what they usually are in this log.
+_HELD = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0), (1, 0, 1)]
+KINDS = np.array([(*one, usually) for usually in (0, 1) for one in _HELD])
 # and which of both quantities is read in it: `KIND` (o,), of each quantity `READ`, `COLUMN` and `DEGF` (2, o)
 _OPTIONS = np.array([(kind, t, h) for kind in range(len(KINDS)) for t in (0, 1) for h in (0, 1)])
 KIND, READ = _OPTIONS[:, 0], _OPTIONS[:, 1:].T == 1
 COLUMN = np.stack([KINDS[KIND, 0], 1 - KINDS[KIND, 0]])
-DEGF = KINDS[KIND, 1:].T == 1
+AWAY = KINDS[:, 0] != KINDS[:, 3]
+DEGF = KINDS[KIND, 1:3].T == 1
 
 
 @dataclass(frozen=True)
@@ -79,16 +82,27 @@ class _Chains:
 
 
 class _Usual:
-    """How far a column's readings (n,) usually go within so many rows: no less than a step of the log. It may have been
-    read in every tenth row: what lies between two readings is told by how many readings on the second one is."""
+    """How far a column's readings (n,) usually go within so many rows: no less than a step of the log, and without the
+    jumps, which are what is to be told. It may have been read in every tenth row: what lies between two readings is
+    told by how many readings on the second one is.
+
+    Attributes: the `rows` (m,) that were read, the `step` to each (m,), the `noise` (m,) of those around it, and which
+    of them `jumped` (m,): over a gap it may have gone anywhere, and changed its unit as well.
+    """
 
     def __init__(self, values: Array, resolution: float) -> None:
-        rows = np.flatnonzero(np.isfinite(values))
+        self.rows = rows = np.flatnonzero(np.isfinite(values))
+        self.step = np.diff(values[rows], prepend=values[rows[0]])
+        self.noise = MAD_TO_SIGMA * median_filter(np.abs(self.step), WINDOW_ROWS, mode="mirror")
+        least = resolution or np.finfo(float).eps
+        at_once = max(MAD_TO_SIGMA * float(np.median(np.abs(self.step[1:]))), least)
+        self.jumped = np.abs(self.step) > CUT * np.maximum(at_once, self.noise)
+        going = np.cumsum(np.where(self.jumped, 0.0, self.step))
         self.lags, usual = [], []
         for on in 2 ** np.arange(int(np.log2(rows.size))):
             self.lags.append(float(np.median(rows[on:] - rows[:-on])))
-            usual.append(MAD_TO_SIGMA * float(np.median(np.abs(values[rows[on:]] - values[rows[:-on]]))))
-        self.usual = np.maximum.accumulate(np.maximum(usual, resolution or np.finfo(float).eps))
+            usual.append(MAD_TO_SIGMA * float(np.median(np.abs(going[on:] - going[:-on]))))
+        self.usual = np.maximum.accumulate(np.maximum(usual, least))
 
     def __call__(self, rows: Rows) -> Array:
         return np.interp(rows, self.lags, self.usual)
@@ -119,8 +133,9 @@ def held(columns: Array, resolutions: Sequence[float]) -> ColumnsHold:
     pieces = _pieces(columns, usual, np.stack(stuck))
     read = known.any(axis=0)
     shares = np.repeat(_shares(pieces, usual), np.diff(np.append(pieces.row, read.size)), axis=1)
-    share, in_degf = shares[KINDS[:, 0] == 1].sum(axis=0), KINDS[:, 1:].T @ shares
-    if not (shares[0, read] > SURE).any():
+    share, in_degf = shares[KINDS[:, 0] == 1].sum(axis=0), KINDS[:, 1:3].T @ shares
+    as_came = shares[~KINDS[:, :3].any(axis=1)].sum(axis=0)
+    if not (as_came[read] > SURE).any():
         # the places are told but for which are which, and fewer are rather exchanged; or nothing is
         return as_it_is if (share[read] > 0.5).all() else ColumnsHold(share > 0.5, none[0], none)
     # where they are as near as that, either will do
@@ -141,13 +156,12 @@ def _stuck(values: Array, resolution: float) -> Mask:
 def _pieces(columns: Array, usual: list[_Usual], stuck: Mask) -> _Pieces:
     """The pieces between jumps of either column (2, n), and where the columns meet."""
     size = columns.shape[1]
-    known = [np.flatnonzero(np.isfinite(values)) for values in columns]
-    noises, jumps, cuts = [], [], [np.zeros(1, dtype=np.int64)]
-    for values, rows, most in zip(columns, known, usual, strict=True):
-        step, lag = np.abs(np.diff(values[rows], prepend=values[rows[0]])), np.diff(rows, prepend=rows[0])
-        noises.append(MAD_TO_SIGMA * median_filter(step, WINDOW_ROWS, mode="mirror"))
-        jumps.append(rows[step > CUT * np.maximum(most(lag), noises[-1])])
-        cuts += [jumps[-1], rows[:1], rows[-1:] + 1]
+    known, noises = [one.rows for one in usual], [one.noise for one in usual]
+    jumps, cuts = [], [np.zeros(1, dtype=np.int64)]
+    for rows, most in zip(known, usual, strict=True):
+        far = np.abs(most.step) > CUT * np.maximum(most(np.diff(rows, prepend=rows[0])), most.noise)
+        jumps.append(rows[far])
+        cuts += [rows[most.jumped], rows[:1], rows[-1:] + 1]
     # where they are as near as that, they may change place without a jump
     rows = np.intersect1d(known[0], known[1])
     apart = np.abs(columns[0, rows] - columns[1, rows])
@@ -181,15 +195,16 @@ def _pieces(columns: Array, usual: list[_Usual], stuck: Mask) -> _Pieces:
 
 def _changes() -> Array:
     """Nats (kinds, o) against each option behind each kind."""
-    in_column = np.where(KINDS[:, :1] == 1, KINDS[:, :0:-1], KINDS[:, 1:])
-    place = KINDS[:, None, 0] != KINDS[None, :, 0]
-    unit = [(one[:, None] != one[None]).any(axis=2) for one in (KINDS[:, 1:], in_column)]
-    return (CHANGE * (1.0 * place + (unit[0] & unit[1])))[:, KIND]
+    in_column = np.where(KINDS[:, :1] == 1, KINDS[:, 2:0:-1], KINDS[:, 1:3])
+    unit = [(one[:, None] < one[None]).any(axis=2) for one in (KINDS[:, 1:3], in_column)]
+    nats = CHANGE * (1.0 * (AWAY & ~AWAY[:, None]) + (unit[0] & unit[1]))
+    return np.where(KINDS[:, 3:] == KINDS[:, 3], nats, np.inf)[:, KIND]
 
 
 def _shares(pieces: _Pieces, usual: list[_Usual]) -> Array:
     """Probability (kinds, p) of what each piece holds, over all chains."""
     changes, total = _changes(), pieces.count.max(axis=0).sum()
+    start = changes[~AWAY & ~KINDS[:, 1:3].any(axis=1)].min(axis=0) + ALL_ODD * KINDS[KIND, 3]
     unknown = np.full((2, 1), -1)
     chains = _Chains(np.zeros(1), np.full(1, -1), np.zeros((2, 1)), unknown, np.zeros((2, 1)), unknown)
     least = np.array([one.usual[0] for one in usual])
@@ -199,11 +214,11 @@ def _shares(pieces: _Pieces, usual: list[_Usual]) -> Array:
         first, last = (np.where(DEGF, (v - 32.0) / 1.8, v) for v in pieces.level[:, COLUMN, k])
         (at_first, at_last), (before, behind) = pieces.at[:, COLUMN, k], pieces.noise[:, COLUMN, k]
         own = ALL_NOTHING * (count * ~READ).sum(axis=0) + ALL_WARM * pieces.warm[COLUMN[0], k] * (READ & ~DEGF)[0]
-        own += ALL_ODD * count.max(axis=0) * (DEGF.any(axis=0) + COLUMN[0])
+        own += ALL_ODD * count.max(axis=0) * (1.0 * DEGF.any(axis=0) + AWAY[KIND])
         own = own / total
         own[(READ & (count == 0)).any(axis=0)] = np.inf
         begun = chains.kind[:, None] >= 0
-        cost = chains.cost[:, None] + own + np.where(begun, changes[chains.kind], CHANGE * DEGF.any(axis=0))
+        cost = chains.cost[:, None] + own + np.where(begun, changes[chains.kind], start)
         # of a column that was not read in the piece before, and does not jump
         unread = chains.source // len(KINDS) < k - 1
         for q, column in enumerate(COLUMN):
@@ -219,11 +234,12 @@ def _shares(pieces: _Pieces, usual: list[_Usual]) -> Array:
                 beside = _beside_the_air(chains.level, first[1], last[0])
                 gone = np.where(both, np.minimum(gone, beside), gone)
             size = np.hypot(factor * gone, scale)
-            joined = 2.0 * np.log(size / least[column]) + np.log(1.8) * (DEGF[q] & ~was)
+            joined = np.log(size**2 / (scale * least[column])) + np.log(1.8) * (DEGF[q] & ~was)
             same = KINDS[chains.kind, 0][:, None] == COLUMN[0]
             goes_on = np.where(same, unread[q][:, None], unread[1 - q][:, None]) & begun & ~pieces.begins[column, k]
             goes_on &= pieces.count[column, k - 1] > 0
-            nothing = np.where(goes_on, 2.0 * np.log(CUT), NOTHING)
+            # one that goes on has one end here, and not both
+            nothing = np.where(goes_on, 0.5 * NOTHING, NOTHING)
             nothing = np.where(pieces.stuck[column, k] | (count[q] == 0), 0.0, nothing)
             cost += np.where(READ[q], np.where(chains.row[q][:, None] >= 0, joined, 0.0), nothing)
         i, j = np.nonzero(np.isfinite(cost))

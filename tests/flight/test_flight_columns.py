@@ -131,6 +131,16 @@ def test_a_code_in_an_exchanged_row_is_no_reading_of_a_log_that_is_given_as_it_c
     assert codes == {}
 
 
+@pytest.mark.parametrize("seed", [204514, 204681, 207017, 208012])
+def test_a_part_has_one_cause_and_two_ends(seed):
+    """Of exchanged columns beside a burst, coarse steps or a door, and of one in degF that ends in a gap. Before: 5 to
+    773 values outside, up to 22 K, since either end had to pay, and what a column usually goes had the jumps in it."""
+    fuzz = benchmark("fuzz_flights")
+    found = fuzz.judged(seed, list(fuzz.DAMAGE))
+    assert not any(found[channel]["outside"] for channel in fuzz.CHANNELS)
+    assert found["temperature_c"]["ours"] < 0.5 * found["temperature_c"]["reading"]
+
+
 def test_nothing_is_filled_in_over_rows_of_which_nothing_tells_what_they_hold():
     """Before: values up to 5 s from the rows that are sure, 17 K from either reading and stated to 0.03 K."""
     fuzz = benchmark("fuzz_flights")
