@@ -449,7 +449,9 @@ def _as_humidity(percent: Array, air_c: Array | None, off_k: Array) -> Array:
     """What a temperature that is `off_k` (n,) makes of a humidity (n,) at the air's temperature."""
     if air_c is None:
         return np.zeros(percent.shape)
-    moved = np.log(saturation_pressure_hpa(air_c + off_k) / saturation_pressure_hpa(air_c))
+    # of nonsense that is near absolute zero neither has any vapour
+    own, off = (saturation_pressure_hpa(possible_air(one)) for one in (air_c, air_c + off_k))
+    moved = np.log(off / own)
     return np.asarray(np.nan_to_num(percent * moved))
 
 

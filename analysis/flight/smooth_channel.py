@@ -69,10 +69,11 @@ def none(count: int) -> Jumps:
 
 
 def when(track: Track, jumps: Jumps) -> Array:
-    """Times [s] of the jumps of the air itself, of none that is somewhere in a gap."""
-    jumped = np.pad(jumps.variance[:, 0] > 0.0, 1)
-    nodes = np.flatnonzero(jumped[1:-1] & ~jumped[:-2] & ~jumped[2:])
-    return track.time_s[nodes] - (1.0 - jumps.place[nodes]) * track.period_s
+    """Times [s] of the jumps of the air itself, of none that is somewhere in a gap; of one just before or behind a
+    reading that is between both."""
+    first, behind = np.flatnonzero(np.diff(jumps.variance[:, 0] > 0.0, prepend=False, append=False)).reshape(-1, 2).T
+    nodes = np.stack([first, behind - 1])[:, behind - first <= 2]
+    return np.asarray((track.time_s[nodes] - (1.0 - jumps.place[nodes]) * track.period_s).mean(axis=0))
 
 
 def breaks(track: Track, jumps: Jumps, found: Sweep) -> Array:
@@ -327,7 +328,20 @@ def _best(
         # before the flight is looked at it is as likely in every row, and about one in a flight
         if own is not None and own.cost + np.log(values.size) < cost.min():
             return own
-    return trials.with_one(tried[int(np.argmin(cost))])
+    return trials.with_one(_mixed(tried, cost))
+
+
+def _mixed(tried: list[Jumps], cost: Array) -> Jumps:
+    """The likeliest of what was tried at each node, or pair of them, each with its share of the likelihood: between a
+    jump just before a reading and one just behind it nothing tells, nor between one in a gap and a ramp."""
+    alike: dict[bytes, int] = {}
+    for k in np.argsort(cost)[: np.count_nonzero(cost <= cost.min() + ALIKE_NATS)].tolist():
+        alike.setdefault((tried[k].variance > 0.0).tobytes(), k)
+    some = list(alike.values())
+    share = np.exp(cost.min() - cost[some])
+    each = np.array([tried[k].variance for k in some]) * (share / share.sum())[:, None, None]
+    at = np.average([tried[k].place for k in some], axis=0, weights=each.sum(axis=2) + np.finfo(float).tiny)
+    return Jumps(each.sum(axis=0), at)
 
 
 def _in_gap(first: int, last: int) -> NDArray[np.int64]:
@@ -377,7 +391,7 @@ class JumpTrials:
         for k in range(first, last + 1):
             begins_s = track.time_s[k] - track.period_s
             low, high = (float(np.clip((at_s - begins_s) / track.period_s, 0.0, 1.0)) for at_s in (first_s, last_s))
-            if low == 1.0 and first < last:  # the other sensor's reading at this node was of the air before
+            if np.isclose(low, 1.0) and first < last:  # the other sensor read the air before at this node
                 continue
             for place in np.unique(np.clip((0.0, *PLACES_IN_STEP, 1.0), low, high)).tolist():
                 self.add((k, 0, size, place), bounds=(low, high))
