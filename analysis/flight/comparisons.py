@@ -442,10 +442,10 @@ def compared(
             channel = doubted
         found.append(channel)
     # the hygrometer may stand in what warms the thermometer: its air has the vapour of free air, and not the humidity
-    return found[0], found[1].doubted(_as_humidity(film.value, air_c, off_k)), widened
+    return found[0], found[1].doubted(as_humidity(film.value, air_c, off_k)), widened
 
 
-def _as_humidity(percent: Array, air_c: Array | None, off_k: Array) -> Array:
+def as_humidity(percent: Array, air_c: Array | None, off_k: Array) -> Array:
     """What a temperature that is `off_k` (n,) makes of a humidity (n,) at the air's temperature."""
     if air_c is None:
         return np.zeros(percent.shape)

@@ -13,7 +13,7 @@ from shockrig.analysis.flight.comparisons import (
     PARTED,
     Difference,
     LikelyCause,
-    _as_humidity,
+    as_humidity,
     compared,
     excess,
     explained,
@@ -606,7 +606,7 @@ def test_what_is_as_likely_as_a_jump_has_its_share():
 
 def test_humidity_beside_a_temperature_that_no_air_has_is_no_nonsense():
     with np.errstate(all="raise"):
-        assert _as_humidity(np.array([50.0]), np.array([-273.2]), np.array([0.1])) < 1.0
+        assert as_humidity(np.array([50.0]), np.array([-273.2]), np.array([0.1])) < 1.0
 
 
 def _of_slow_sensor(seed, size, at_s=60.03):
