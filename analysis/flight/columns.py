@@ -51,7 +51,8 @@ DEGF = KINDS[KIND, 1:3].T == 1
 class _Pieces:
     """Of each piece (p,), its first `row`, and of its columns (2, p) the `count` of readings, the `warm` ones among
     them, and whether it `begins` with a jump and is `stuck`; and of both its ends (2, 2, p) the `level`, the rows `at`
-    which it is, and the `noise` of the readings there."""
+    which it is, and the `noise` of the readings there; `settled` (2, p) is the level that a column comes to behind the
+    piece's first row, if in another piece."""
 
     row: Rows
     count: Rows
@@ -61,6 +62,7 @@ class _Pieces:
     level: Array
     at: Rows
     noise: Array
+    settled: Array
 
 
 @dataclass(frozen=True)
@@ -111,18 +113,19 @@ class _Usual:
 @dataclass(frozen=True)
 class ColumnsHold:
     """Rows (n,) in which columns are `exchanged`, and rows of which that is `unsure`; and rows (2, n) in which
-    temperature and humidity, wherever they stand, are surely in `degf`."""
+    temperature and humidity, wherever they stand, are surely in `degf`, or a column surely holds `nothing`."""
 
     exchanged: Mask
     unsure: Mask
     degf: Mask
+    nothing: Mask
 
 
 def held(columns: Array, resolutions: Sequence[float]) -> ColumnsHold:
     """What the columns (2, n) for temperature and humidity hold. A log that is exchanged, or in degF, from its first
     row to its last is taken as it is: nothing tells."""
     none = np.zeros(columns.shape, dtype=bool)
-    as_it_is = ColumnsHold(none[0], none[0], none)
+    as_it_is = ColumnsHold(none[0], none[0], none, none)
     # of what either can be
     columns = np.where((columns >= AIR_C.low) & (columns <= 1.8 * AIR_C.high + 32.0), columns, np.nan)
     known = np.isfinite(columns)
@@ -132,16 +135,20 @@ def held(columns: Array, resolutions: Sequence[float]) -> ColumnsHold:
     stuck = [_stuck(values, resolution) for values, resolution in zip(columns, resolutions, strict=True)]
     pieces = _pieces(columns, usual, np.stack(stuck))
     read = known.any(axis=0)
-    shares = np.repeat(_shares(pieces, usual), np.diff(np.append(pieces.row, read.size)), axis=1)
+    lasting = np.diff(np.append(pieces.row, read.size))
+    shares, nothing = (np.repeat(one, lasting, axis=1) for one in _shares(pieces, usual))
     share, in_degf = shares[KINDS[:, 0] == 1].sum(axis=0), KINDS[:, 1:3].T @ shares
     as_came = shares[~KINDS[:, :3].any(axis=1)].sum(axis=0)
     if not (as_came[read] > SURE).any():
         # the places are told but for which are which, and fewer are rather exchanged; or nothing is
-        return as_it_is if (share[read] > 0.5).all() else ColumnsHold(share > 0.5, none[0], none)
+        return as_it_is if (share[read] > 0.5).all() else ColumnsHold(share > 0.5, none[0], none, none)
     # where they are as near as that, either will do
     alike = np.abs(columns[1] - columns[0]) < CUT * max(one.usual[0] for one in usual)
     unsure = (np.abs(share - 0.5) < SURE - 0.5) & read & ~alike
-    return ColumnsHold(share > 0.5, unsure, in_degf > SURE)
+    degf = in_degf > SURE
+    # of columns that stay what they are, what goes on from reading to reading tells more
+    nothing_there = (nothing > SURE) & ((share > 0.5).any() or degf.any())
+    return ColumnsHold(share > 0.5, unsure, degf, nothing_there)
 
 
 def _stuck(values: Array, resolution: float) -> Mask:
@@ -178,7 +185,7 @@ def _pieces(columns: Array, usual: list[_Usual], stuck: Mask) -> _Pieces:
     row = np.unique(np.concatenate(cuts))
     row = row[row < size]
     count, at = np.zeros((2, row.size), dtype=np.int64), np.zeros((2, 2, row.size), dtype=np.int64)
-    level, noise = np.zeros(at.shape), np.zeros(at.shape)
+    level, noise, settled = np.zeros(at.shape), np.zeros(at.shape), np.zeros(count.shape)
     for q, (values, rows) in enumerate(zip(columns, known, strict=True)):
         start = np.searchsorted(rows, np.append(row, size))
         count[q] = np.diff(start)
@@ -188,9 +195,11 @@ def _pieces(columns: Array, usual: list[_Usual], stuck: Mask) -> _Pieces:
             some = np.clip(place, 0, rows.size - 1)
             level[end, q] = np.median(values[rows[some]], axis=1)
             at[end, q], noise[end, q] = rows[some[:, 0]], noises[q][some[:, 0]]
+        late = np.minimum(np.maximum(start[1:], start[:-1] + WINDOW_ROWS), rows.size)[:, None] - 1 - inside
+        settled[q] = np.median(values[rows[np.maximum(late, 0)]], axis=1)
     warm, dead = (np.add.reduceat(one, row, axis=1, dtype=np.int64) for one in (columns > WARM_C, stuck))
     begins = np.stack([np.isin(row, one) for one in jumps])
-    return _Pieces(row, count, warm, begins, (count > 0) & (dead == count), level, at, noise)
+    return _Pieces(row, count, warm, begins, (count > 0) & (dead == count), level, at, noise, settled)
 
 
 def _changes() -> Array:
@@ -201,17 +210,18 @@ def _changes() -> Array:
     return np.where(KINDS[:, 3:] == KINDS[:, 3], nats, np.inf)[:, KIND]
 
 
-def _shares(pieces: _Pieces, usual: list[_Usual]) -> Array:
-    """Probability (kinds, p) of what each piece holds, over all chains."""
+def _shares(pieces: _Pieces, usual: list[_Usual]) -> tuple[Array, Array]:
+    """Probability (kinds, p) of what each piece holds, and (2, p) that a column holds nothing, over all chains."""
     changes, total = _changes(), pieces.count.max(axis=0).sum()
     start = changes[~AWAY & ~KINDS[:, 1:3].any(axis=1)].min(axis=0) + ALL_ODD * KINDS[KIND, 3]
     unknown = np.full((2, 1), -1)
     chains = _Chains(np.zeros(1), np.full(1, -1), np.zeros((2, 1)), unknown, np.zeros((2, 1)), unknown)
     least = np.array([one.usual[0] for one in usual])
-    steps, kinds, costs = [], [], []
+    steps, kinds, costs, reads = [], [], [], []
     for k in range(pieces.row.size):
         count = pieces.count[COLUMN, k]
-        first, last = (np.where(DEGF, (v - 32.0) / 1.8, v) for v in pieces.level[:, COLUMN, k])
+        ends = (*pieces.level[:, COLUMN, k], pieces.settled[COLUMN, k])
+        first, last, settled = (np.where(DEGF, (v - 32.0) / 1.8, v) for v in ends)
         (at_first, at_last), (before, behind) = pieces.at[:, COLUMN, k], pieces.noise[:, COLUMN, k]
         own = ALL_NOTHING * (count * ~READ).sum(axis=0) + ALL_WARM * pieces.warm[COLUMN[0], k] * (READ & ~DEGF)[0]
         own += ALL_ODD * count.max(axis=0) * (1.0 * DEGF.any(axis=0) + AWAY[KIND])
@@ -229,9 +239,9 @@ def _shares(pieces: _Pieces, usual: list[_Usual]) -> Array:
             was = KINDS[chains.source[q] % len(KINDS), 1 + q][:, None] == 1
             factor = np.where(DEGF[q] & was, 1.8, 1.0)
             gone = np.abs(first[q] - chains.level[q][:, None])
-            if q:  # the humidity jumps with the air's temperature, which a thermometer shows by the piece's end
+            if q:  # the humidity jumps with the air's temperature, which a thermometer shows a little later
                 both = READ[0] & (chains.row[0][:, None] >= 0)
-                beside = _beside_the_air(chains.level, first[1], last[0])
+                beside = _beside_the_air(chains.level, first[1], settled[0])
                 gone = np.where(both, np.minimum(gone, beside), gone)
             size = np.hypot(factor * gone, scale)
             joined = np.log(size**2 / (scale * least[column])) + np.log(1.8) * (DEGF[q] & ~was)
@@ -240,7 +250,8 @@ def _shares(pieces: _Pieces, usual: list[_Usual]) -> Array:
             goes_on &= pieces.count[column, k - 1] > 0
             # one that goes on has one end here, and not both
             nothing = np.where(goes_on, 0.5 * NOTHING, NOTHING)
-            nothing = np.where(pieces.stuck[column, k] | (count[q] == 0), 0.0, nothing)
+            # a sensor that is stuck reads what it did before, or nothing
+            nothing = np.where(pieces.stuck[column, k], 2.0 * np.log(CUT), nothing) * (count[q] > 0)
             cost += np.where(READ[q], np.where(chains.row[q][:, None] >= 0, joined, 0.0), nothing)
         i, j = np.nonzero(np.isfinite(cost))
         there = np.tile(len(KINDS) * k + KIND, (2, 1))
@@ -251,18 +262,21 @@ def _shares(pieces: _Pieces, usual: list[_Usual]) -> Array:
         steps.append((i, found.cost - chains.cost[i], into))
         chains = kept
         kinds.append(chains.kind)
+        reads.append(chains.source // len(KINDS) == k)
         costs.append(chains.cost)
     # and back from the end, from where each chain goes on
     behind_it = np.zeros(chains.cost.size)
-    shares = np.zeros((len(KINDS), pieces.row.size))
+    shares, nothing = np.zeros((len(KINDS), pieces.row.size)), np.zeros(pieces.count.shape)
     for k in range(pieces.row.size - 1, -1, -1):
         whole = costs[k] + behind_it
         weight = np.exp(whole.min() - whole)
         shares[:, k] = np.bincount(kinds[k], weight, len(KINDS)) / weight.sum()
+        read = np.where(KINDS[kinds[k], 0] == 1, reads[k][::-1], reads[k])  # of the columns
+        nothing[:, k] = ~read @ weight / weight.sum()
         i, step, into = steps[k]
         ahead = np.where(into >= 0, step + behind_it[into], np.inf)
         behind_it = _together(ahead, i, int(costs[k - 1].size) if k else 1)
-    return shares
+    return shares, nothing
 
 
 def _beside_the_air(before: Array, humidity: Array, air_c: Array) -> Array:

@@ -36,6 +36,7 @@ PASCAL = "pressure_hpa: pascal"
 EXCHANGED = "temperature and humidity, each in the other's place"
 DEGF = "temperature in degF"
 UNSURE = "temperature and humidity, of which nothing tells whether they are in one another's place"
+NEITHER = "readings that are neither temperature nor humidity"
 # quantity -> field of a flight, and what a reading of it can be
 FIELDS = {
     "time": ("time_s", ""),
@@ -72,6 +73,8 @@ def without_codes(flight: Flight) -> tuple[Flight, dict[str, Mask]]:
     both = np.stack([flight.temperature_c, flight.humidity_percent])
     steps = [resolution_of(values[np.isfinite(values)]) for values in both]
     told = held(both, steps)
+    neither = told.nothing & np.isfinite(both)
+    both = np.where(neither, np.nan, both)
     both = np.where(told.unsure, np.nan, np.where(told.exchanged, both[::-1], both))
     degf = told.degf & np.isfinite(both)
     for values, converted, step in zip(both, degf, steps, strict=True):
@@ -79,6 +82,7 @@ def without_codes(flight: Flight) -> tuple[Flight, dict[str, Mask]]:
         in_degc = (values[converted] - 32.0) / 1.8
         values[converted] = np.round(in_degc / step) * step if step else in_degc
     some = {EXCHANGED: told.exchanged & ~told.unsure, UNSURE: told.unsure, DEGF: degf[0] | degf[1]}
+    some[NEITHER] = neither[0] | neither[1]
     found |= {name: rows for name, rows in some.items() if rows.any()}
     if found.keys() & some.keys():
         flight = replace(flight, temperature_c=both[0], humidity_percent=both[1])
@@ -102,7 +106,7 @@ def code_notes(codes: Mapping[str, Mask | int]) -> list[str]:
             sentences.append(f"{name} in {counted(count, 'row')}: read there")
         elif count and name == DEGF:
             sentences.append(f"{name} in {counted(count, 'row')}: read as that")
-        elif count and name == UNSURE:
+        elif count and name in (UNSURE, NEITHER):
             sentences.append(f"{name}, in {counted(count, 'row')}: taken as missing")
         elif count and name == PASCAL:
             sentences.append("pressure_hpa: no air has so much; taken as Pa, and divided by 100")

@@ -328,12 +328,13 @@ def _best(
         # before the flight is looked at it is as likely in every row, and about one in a flight
         if own is not None and own.cost + np.log(values.size) < cost.min():
             return own
+        return trials.with_one(tried[int(np.argmin(cost))])
     return trials.with_one(_mixed(tried, cost))
 
 
 def _mixed(tried: list[Jumps], cost: Array) -> Jumps:
-    """The likeliest of what was tried at each node, or pair of them, each with its share of the likelihood: between a
-    jump just before a reading and one just behind it nothing tells, nor between one in a gap and a ramp."""
+    """The likeliest of what was tried at each node, or pair of them, each with its share of the likelihood: nothing
+    tells between a jump in a gap and a ramp, and where all were read nothing is won by it."""
     alike: dict[bytes, int] = {}
     for k in np.argsort(cost)[: np.count_nonzero(cost <= cost.min() + ALIKE_NATS)].tolist():
         alike.setdefault((tried[k].variance > 0.0).tobytes(), k)

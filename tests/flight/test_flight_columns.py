@@ -141,11 +141,27 @@ def test_a_part_has_one_cause_and_two_ends(seed):
     assert found["temperature_c"]["ours"] < 0.5 * found["temperature_c"]["reading"]
 
 
-def test_nothing_is_filled_in_over_rows_of_which_nothing_tells_what_they_hold():
-    """Before: values up to 5 s from the rows that are sure, 17 K from either reading and stated to 0.03 K."""
+def test_humidity_goes_with_the_temperature_that_a_door_comes_to():
+    """Of a log that is exchanged throughout. Before: the temperature of the one row until it jumps on, so it was taken
+    to be exchanged from the door on (499 values outside)."""
     fuzz = benchmark("fuzz_flights")
-    found = fuzz.judged(206575, list(fuzz.DAMAGE))["temperature_c"]
-    assert found["ours"] < 0.05 and 0.5 < found["given"] < 0.6
+    found = fuzz.judged(209411, list(fuzz.DAMAGE))
+    assert not any(found[channel]["outside"] for channel in fuzz.CHANNELS)
+
+
+def test_nothing_is_filled_in_over_rows_of_which_nothing_tells_what_they_hold():
+    """Before: values up to 5 s from the rows that are sure (in another log 17 K from either reading)."""
+    fuzz = benchmark("fuzz_flights")
+    found = fuzz.judged(202515, list(fuzz.DAMAGE))["temperature_c"]
+    assert found["ours"] < 0.05 and 0.6 < found["given"] < 0.8
+
+
+@pytest.mark.parametrize(("seed", "channel"), [(206003, "temperature_c"), (200344, "humidity_percent")])
+def test_what_is_neither_temperature_nor_humidity_is_missing(seed, channel):
+    """A humidity that is stuck as its column changes place back, and a code that nobody listed."""
+    fuzz = benchmark("fuzz_flights")
+    found = fuzz.judged(seed, list(fuzz.DAMAGE))[channel]
+    assert found["ours"] < 0.1 * found["reading"] and not found["outside"]
 
 
 def test_of_a_log_that_is_exchanged_in_nearly_half_of_it_the_fewer_rows_are():
