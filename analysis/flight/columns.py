@@ -146,9 +146,9 @@ def held(columns: Array, resolutions: Sequence[float]) -> ColumnsHold:
     alike = np.abs(columns[1] - columns[0]) < CUT * max(one.usual[0] for one in usual)
     unsure = (np.abs(share - 0.5) < SURE - 0.5) & read & ~alike
     degf = in_degf > SURE
-    # of columns that stay what they are, what goes on from reading to reading tells more
-    nothing_there = (nothing > SURE) & ((share > 0.5).any() or degf.any())
-    return ColumnsHold(share > 0.5, unsure, degf, nothing_there)
+    # of columns that stay what they are, and were both read, what goes on from reading to reading tells more
+    odd = (share > 0.5).any() | degf.any() | ~known.all(axis=0)
+    return ColumnsHold(share > 0.5, unsure, degf, (nothing > SURE) & odd)
 
 
 def _stuck(values: Array, resolution: float) -> Mask:
