@@ -283,7 +283,7 @@ def edges_after_transfer(
     fine: float = FINE_BIN_WIDTHS[1],
     open_s: float = 0.0,
 ) -> Array:
-    """Edges of the bins of runs whose air changes once, from `first_s` (negative) to `last_s`.
+    """Edges of the bins of runs whose air changes once, from `first_s` to `last_s`.
 
     `half_s` is the time to half of the step, infinite or NaN where no run tells it; `fine` as from `fine_width`. A
     start that nobody recorded may lie `open_s` before its estimate, where no wide bin may hide what a model says, and
@@ -293,15 +293,17 @@ def edges_after_transfer(
     # Half a period before zero, so that with one sample a period each narrow bin holds one sample.
     wide, near = BEFORE_S * tempo, NEAR_S * tempo
     narrow = min(max(fine * half, 0.1 * tempo, period_s), wide)
-    uncertain = np.arange(near, open_s, narrow)
+    uncertain = np.arange(near, min(open_s, -first_s), narrow)
     begin = near + narrow * uncertain.size
     before = -np.arange(begin, max(-first_s, begin + 0.1 * tempo) + wide, wide)[::-1]
     close, apart = np.arange(-near + period_s, 0.0, max(0.1 * tempo, period_s)), np.inf
-    if open_s > 0.0:
-        apart = WIDENING
-        close = -_widening(near - period_s, 0.1 * tempo, period_s)[:0:-1]
-        close = close[close > -near]
     after = [0.0]
+    if open_s > 0.0:
+        # A record that begins with the change has its readings whole periods after the estimate: amid their bins,
+        # however a clock jitters.
+        apart, after = WIDENING, [0.5 * period_s]
+        close = after[0] - _widening(near + after[0] - period_s, 0.1 * tempo, period_s)[:0:-1]
+        close = close[close > -near]
     for until, width in BIN_PLAN:
         while after[-1] < min(until * tempo, last_s) - 1e-9:
             widest = min(width * tempo, fine * (half + after[-1]), apart * after[-1])

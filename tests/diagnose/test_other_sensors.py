@@ -179,6 +179,12 @@ def test_bins_are_narrow_wherever_an_unrecorded_start_may_lie():
     # Of a slow sensor the bins about a start met those before it. Before: edges that went back by up to a bin.
     slow = edges_after_transfer(-100.0, 900.0, 0.1, 30.0, 240.0, 0.08, open_s=80.0)
     assert np.all(np.diff(slow) > 0.0)
+    # A record that begins with the change: its first readings, which tell most of it, stand singly, though the clock
+    # jitters. Before: two in the first bin, in the middle of which a start between them then fitted best.
+    begun = edges_after_transfer(3.0, 600.0, 3.0, 1.1, 9.0, 0.07, open_s=18.0)
+    for jitter in (-0.01, 0.0, 0.01):
+        held, _ = np.histogram(3.0 * np.arange(1, 5) + jitter, begun)
+        assert held.max() == 1
     stated = edges_after_transfer(-30.0, 60.0, 0.1, 1.0, 5.0, 0.08)
     assert np.diff(stated[stated < -0.5]).min() > 1.0
 
