@@ -26,10 +26,18 @@ from shockrig.analysis.diagnose.diagnosed import (
     Predicting,
 )
 from shockrig.analysis.diagnose.experiments import propose, unseen
-from shockrig.analysis.diagnose.gain import Gain, HeldOutPart, held_out_parts, measure_gain, run_errors, squares_of_bins
+from shockrig.analysis.diagnose.gain import (
+    LEAST_SQUARE,
+    Gain,
+    HeldOutPart,
+    as_judged,
+    held_out_parts,
+    measure_gain,
+    run_errors,
+    squares_of_bins,
+)
 from shockrig.analysis.diagnose.grammar import stated
 from shockrig.analysis.diagnose.prepare import Prepared, likelier_average, prepare, with_rounding
-from shockrig.analysis.diagnose.refitting import with_rates_alike
 from shockrig.analysis.diagnose.remainder import Tolerance, describe, measure_remainder
 from shockrig.analysis.diagnose.restless import bursts, without_hums
 from shockrig.analysis.diagnose.search import Earlier, Rated, Search, first_look, search
@@ -58,7 +66,6 @@ MOST_PREDICTING = 12  # models that are tried at one rate for all runs
 # doi 10.1080/01621459.1995.10476572): models that far apart predict alike.
 AS_GOOD = 1.0
 LEAST_TRIED = 0.01  # weight of a model that is not stated, from which on its effect is said to have been tried
-LEAST_SQUARE = 1e-30  # of a mean square, whose logarithm is taken
 
 # What a channel's runs cannot tell, whatever is in them: said before anything is fitted.
 
@@ -254,44 +261,45 @@ def _final(problem: Problem, model: Rated, than_runs: bool) -> Fit:
 
 
 def _predicting(ready: Prepared, found: Search, stands: Predicting, shown: tuple[Discovered, ...]) -> Predicting:
-    """The model that predicts best: of those that leave least of their runs for what they take, the stated and the
-    plain one, each as it was fitted and with rates alike, that which does at the rate that its runs have in common.
+    """The model that predicts best: of those that leave least of their runs for what they take, and the stated and the
+    plain one, each fitted as it is judged, the one that then leaves least; the stated one as it stands where runs tell
+    no more of any.
 
     A name has to be sure, a prediction only good: models whose effects say nothing may predict as well. And no name
     asks what a run would do that nobody has seen: it has none of the rates that runs have of their own.
     """
     problem, channel = ready.problem, ready.problem.channel
-
-    def at_own_rates(one: Rated) -> float:
-        return _criterion(channel, one.fit, squares_of_bins(channel, one.fit.residual).mean())
-
-    first = sorted((one for one, _ in found.predictors), key=at_own_rates)[:MOST_PREDICTING]
-    among = {id(one) for one in (*first, found.plain)}
-    models = [found.best, *(one for one, _ in found.predictors if id(one) in among - {id(found.best)})]
-    alike = ((one, with_rates_alike(problem, one.fit)) for one in models)
-    tried = [*((one, one.fit) for one in models), *((one, fit) for one, fit in alike if fit is not None)]
-    left = [run_errors(channel, problem, fit).mean() for _, fit in tried]
-    losses = np.array([_criterion(channel, fit, square) for (_, fit), square in zip(tried, left, strict=True)])
-    best = int(np.argmax(losses <= losses.min() + AS_GOOD))  # where runs cannot tell, the stated one, then the heavier
-    model, fit = tried[best]
-    if fit is found.best.fit:
+    first = sorted((one for one, _ in found.predictors), key=lambda one: _criterion(channel, one.fit))
+    among = {id(one) for one in (*first[:MOST_PREDICTING], found.plain, found.best)}
+    before = float(run_errors(channel, problem, found.best.fit).mean())
+    tried, left = [(found.best, found.best.fit)], [before]
+    for model in (one for one, _ in found.predictors if id(one) in among):
+        fit = as_judged(problem, model.fit)
+        if fit is not None:
+            tried.append((model, fit))
+            left.append(float(run_errors(channel, problem, fit).mean()))
+    best = int(np.nanargmin(left))
+    # Independent errors of unknown size, as many in each run as a discrepancy has bumps, tell so much of two models.
+    told = 0.5 * BUMP_COUNT * channel.runs * np.log(max(before, LEAST_SQUARE) / max(left[best], LEAST_SQUARE))
+    if told <= AS_GOOD:
         return stands
-    carried = model if fit is model.fit else replace(model, fit=fit, score=score(problem, fit, bumps(problem)))
+    model, fit = tried[best]
+    carried = replace(model, fit=fit, score=score(problem, fit, bumps(problem)))
     final, stated_so = _final(problem, carried, than_runs=True), replace(found, best=model)
     return Predicting(
         model,
         final,
         _causes(ready, stated_so, final),
         (*stated(problem, stated_so, final), *shown),
-        (float(np.sqrt(left[0])), float(np.sqrt(left[best]))),
+        (float(np.sqrt(before)), float(np.sqrt(left[best]))),
     )
 
 
-def _criterion(channel: Channel, found: Fit, square: float) -> float:
-    """Schwarz's criterion, halved [nats], of a fit that leaves a mean square (doi 10.1214/aos/1176344136): each run
-    counts as as many independent errors of unknown size as a discrepancy has bumps, since what a model is wrong by is
-    no noise: it is there again in the next run. Endless for a fit that led to no number."""
-    errors = BUMP_COUNT * channel.runs
+def _criterion(channel: Channel, found: Fit) -> float:
+    """Schwarz's criterion, halved [nats], of what a fit leaves at its runs' own rates (doi 10.1214/aos/1176344136):
+    each run counts as as many independent errors of unknown size as a discrepancy has bumps, since what a model is
+    wrong by is no noise: it is there again in the next run. Endless for a fit that led to no number."""
+    errors, square = BUMP_COUNT * channel.runs, squares_of_bins(channel, found.residual).mean()
     loss = 0.5 * (errors * np.log(max(square, LEAST_SQUARE)) + found.theta.size * np.log(errors))
     return float("inf") if np.isnan(loss) else float(loss)
 

@@ -21,11 +21,12 @@ from shockrig.analysis.estimate.arrow import Arrow
 from shockrig.analysis.estimate.channel import Channel, as_single_samples
 from shockrig.analysis.estimate.effect import TINY_STRENGTH
 from shockrig.analysis.estimate.fit import Fit, fit, linearise
-from shockrig.analysis.estimate.fit_starts import scanned_starts
+from shockrig.analysis.estimate.fit_starts import rough_point, scanned_starts
 from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.estimate.noise import Noise
-from shockrig.analysis.estimate.predictive import as_stated, bumps, score
+from shockrig.analysis.estimate.predictive import as_stated, beside, bumps, score
 from shockrig.analysis.estimate.problem import RATE_SCATTER, Problem
+from shockrig.analysis.estimate.quantity import RunEffect
 from shockrig.analysis.physics.chain import at_jump, evaluate
 
 Array = NDArray[np.float64]
@@ -33,6 +34,8 @@ Array = NDArray[np.float64]
 # Where runs that a model was not fitted to began, and their airs: as fits best within what is stated of them.
 
 PLACED_WITHIN = 2.0  # standard uncertainties
+ALIKE = 1e-7  # scatter of ln rate that is none
+LEAST_SQUARE = 1e-30  # mean square that may be divided by
 FREE_LIMIT = 10.0  # likewise, of what nobody recorded
 NEWTON_STEPS = 8  # of Gauss and Newton within the limits
 SETTLED_STEP = 1e-3  # of the limits: a smaller step is none
@@ -59,6 +62,26 @@ def placed(bins: Problem, found: Fit) -> Array:
     # What nobody recorded is free: it is placed where it fits best, for every model alike.
     limit = np.where(problem.stated, PLACED_WITHIN, FREE_LIMIT) * problem.scatter
     return _within(problem, found, reached.deviations, limit)
+
+
+def as_judged(problem: Problem, found: Fit) -> Fit | None:
+    """A model fitted as it is judged where it predicts: at one rate for all runs, each reading counting alike, and each
+    run. None for a fit that led to no number.
+
+    A fit knows of nothing that a model is wrong by. Where that is more than the noise, runs take rates of their own,
+    however little these may scatter, which no other run has; and readings that noise says less of count for more.
+    """
+    channel, square = problem.channel, float(run_errors(problem.channel, problem, found).mean())
+    if not np.isfinite(square):
+        return None
+    readings = channel.count.sum(axis=1, keepdims=True)
+    weight = np.sqrt(channel.count * readings.mean() / np.maximum(readings, 1) / max(square, LEAST_SQUARE))
+    alike = replace(problem.with_rate_scatter(ALIKE), whitener=weight[:, :, None] * np.eye(weight.shape[1]))
+    rough, deviations = rough_point(alike, found.structure, found.choice), found.deviations.copy()
+    deviations[:, RunEffect.RATE] = 0.0
+    begins = (Point(found.theta, deviations), rough)
+    ends = [fit(alike, found.structure, at.theta, at.deviations, 40, adapt_scatter=False) for at in begins]
+    return beside(problem, found, min(ends, key=lambda f: f.objective))
 
 
 def squares_of_bins(channel: Channel, left: Array) -> Array:

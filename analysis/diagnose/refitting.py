@@ -13,8 +13,7 @@ from shockrig.analysis.estimate.effect import Effect
 from shockrig.analysis.estimate.fit import Fit, fit, objective_at
 from shockrig.analysis.estimate.fit_starts import open_starts, plainly_wrong, rough_point, unstuck
 from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
-from shockrig.analysis.estimate.problem import RATE_SCATTER, RATE_SCATTER_LIMIT, Problem
-from shockrig.analysis.estimate.quantity import RunEffect
+from shockrig.analysis.estimate.problem import Problem
 
 Array = NDArray[np.float64]
 
@@ -44,24 +43,6 @@ def refit(
         anew = rough_point(problem, structure, near.choice)
         best = min((best, fit(problem, structure, anew.theta, anew.deviations, iterations)), key=lambda f: f.deviance)
     return min((best, *_nudged(problem, best)), key=lambda f: f.deviance)
-
-
-def with_rates_alike(problem: Problem, found: Fit) -> Fit | None:
-    """A model fitted to what its runs have in common; None where their own rates lie no farther apart than sensors
-    differ.
-
-    A fit knows of nothing that a model is wrong by: where the airflow may differ from run to run, runs take rates of
-    their own instead, which no other run has, and what they have in common is found elsewhere.
-    """
-    if found.rate_scatter <= RATE_SCATTER_LIMIT:
-        return None
-    alike, structure = problem.with_rate_scatter(RATE_SCATTER), found.structure
-    deviations = found.deviations.copy()
-    deviations[:, RunEffect.RATE] = 0.0
-    rough = rough_point(alike, structure, found.choice)
-    begins = (Point(found.theta, deviations), rough)
-    ends = [fit(alike, structure, at.theta, at.deviations, 40, adapt_scatter=False) for at in begins]
-    return min(ends, key=lambda f: f.objective)
 
 
 def rate_shift(effect: Effect, channel: Channel) -> float:

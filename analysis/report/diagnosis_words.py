@@ -423,12 +423,12 @@ def predicting_sentence(found: ChannelDiagnosis) -> str:
     missed = f"misses them by {plain(own, 2)}, not {plain(stated, 2)} {UNIT[found.name]}"
     why = f"At the rate that runs have in common it {missed}"
     if other is best:
-        return f"The profile carries what is stated with the numbers of a fit that gives all runs one rate. {why}."
+        fitted = "gives all runs one rate and all readings one weight"
+        return f"The profile carries what is stated with the numbers of a fit that {fitted}. {why}."
     more, less = other.ids - best.ids, best.ids - other.ids
     how = ", ".join([*([f"with {words(more)}"] if more else []), *([f"without {words(less)}"] if less else [])])
     kind = "that is not sure enough" if stated_if_sure else "whose values these runs leave too open"
-    simpler = "" if own < stated else ", with fewer parameters"
-    return f"The profile carries a model {kind} to be stated, {how}. {why}{simpler}."
+    return f"The profile carries a model {kind} to be stated, {how}. {why}."
 
 
 def headline(diagnosis: Diagnosis) -> str:

@@ -149,12 +149,11 @@ def test_a_run_that_ends_on_its_way_predicts_another_by_its_shape_though_it_name
 def test_a_model_that_led_to_no_number_does_not_keep_others_from_predicting(tmp_path, monkeypatch):
     """Before: it was taken for the best, and the stated model in its place."""
     module = import_module(diagnose.__module__)
-    criterion = module._criterion
 
-    def without_number(channel, found, square):
-        return criterion(channel, found, square if found.structure.ids in ((), ("parallel_lag",)) else np.nan)
+    def without_number(held, bins, found):
+        return run_errors(held, bins, found) * (1.0 if found.structure.ids in ((), ("parallel_lag",)) else np.nan)
 
-    monkeypatch.setattr(module, "_criterion", without_number)
+    monkeypatch.setattr(module, "run_errors", without_number)
     assert recorded(tmp_path, 300.0).predicting.model.ids == {"parallel_lag"}
 
 

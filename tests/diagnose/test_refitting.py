@@ -1,19 +1,21 @@
 """A model fitted again from where another led."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from small_worlds import record
 
 from shockrig.analysis.diagnose.candidates import candidates
-from shockrig.analysis.diagnose.gain import run_errors
+from shockrig.analysis.diagnose.gain import as_judged, run_errors
 from shockrig.analysis.diagnose.prepare import prepare
-from shockrig.analysis.diagnose.refitting import plain_fit, refit, with_rates_alike
+from shockrig.analysis.diagnose.refitting import plain_fit, refit
 from shockrig.analysis.diagnose.search import Race
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.fit import fit
 from shockrig.analysis.estimate.fit_starts import unstuck
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import PLAIN
-from shockrig.analysis.estimate.problem import RATE_SCATTER
 from shockrig.analysis.estimate.quantity import RunEffect
 from shockrig.files.campaign import Campaign, Run, RunAir, Trace
 from shockrig.rig.virtual.plans import wide_plan
@@ -52,18 +54,25 @@ def test_a_wrong_model_is_fitted_to_what_runs_have_in_common():
     is left little of, and the mean of these rates is that of no run."""
     problem = prepare(untriggered(2, (40, 300, 300, 40))).problem
     own = plain_fit(problem)
-    alike = with_rates_alike(problem, own)
-    assert own.rate_scatter > 0.1 and alike.rate_scatter == RATE_SCATTER
-    readings = np.array([time.size for time, _ in problem.channel.samples])
-    missed, left = (readings @ run_errors(problem.channel, problem, one) for one in (own, alike))
-    assert left < 0.9 * missed
+    alike = as_judged(problem, own)
+    assert np.abs(own.deviations[:, RunEffect.RATE]).max() > 0.1
+    assert alike.deviations[:, RunEffect.RATE] == pytest.approx(0.0, abs=1e-6)
+
+    def left(found, rate=0.0):
+        return run_errors(problem.channel, problem, replace(found, theta=found.theta + rate)).sum()
+
+    assert left(alike) < 0.95 * left(own)
+    assert left(alike) < 1.02 * min(left(alike, rate) for rate in np.linspace(-0.6, 0.6, 13))
 
 
-def test_runs_that_differ_as_sensors_do_keep_their_fit():
+def test_a_right_model_is_fitted_alike_as_it_is_judged():
     problem = prepare(untriggered(1)).problem
-    two = PLAIN.adding(CATALOGUE["parallel_lag"])
-    found = refit(problem, two, plain_fit(problem))
-    assert found.rate_scatter < 0.03 and with_rates_alike(problem, found) is None
+    found = refit(problem, PLAIN.adding(CATALOGUE["parallel_lag"]), plain_fit(problem))
+    again = as_judged(problem, found)
+    sure = np.sqrt(np.diag(found.covariance))
+    assert np.all(np.abs(again.theta - found.theta) < 5.0 * sure)
+    left = [run_errors(problem.channel, problem, one).mean() for one in (found, again)]
+    assert left[1] == pytest.approx(left[0], rel=0.02)
 
 
 def lone_plunge():

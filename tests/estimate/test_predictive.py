@@ -78,10 +78,12 @@ def conditional(g, columns, discrepancy, blocks):
         student = multivariate_t(expected[:n], np.eye(n), df=NOISE_DEGREES)
         # The same distance from the centre along one axis, in units of the density's own covariance.
         away = np.zeros(n)
-        away[0] = np.sqrt((y - expected) @ np.linalg.solve(left, y - expected))
+        square = (y - expected) @ np.linalg.solve(left, y - expected)
+        away[0] = np.sqrt(max(square, n))  # nearer than noise leaves it the density is Gauss's
         typical = np.zeros(n)
         typical[0] = np.sqrt(n)
         density = student.logpdf(expected[:n] + away) - student.logpdf(expected[:n] + typical)
+        density += 0.5 * max(n - square, 0.0)
         said.append(density - 0.5 * n - 0.5 * np.linalg.slogdet(left)[1])
     return np.array(said)
 
