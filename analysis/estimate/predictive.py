@@ -197,10 +197,11 @@ def densities(g: Gram, discrepancies: Array, blocks: NDArray[np.int64] | None = 
     log_det = log_det + np.linalg.slogdet(whole)[1][:, None] - np.linalg.slogdet(rest)[1]
     # A square below nought is rounding, of a fit so far off that it says nothing.
     off = np.where(off < 0.0, np.nan, off)
-    # How large the noise is, is known about as well as from so many readings: Student's density in place of Gauss's, so
+    # How large the noise is, is known about as well as from so many readings: Student's tails to Gauss's density, so
     # that a run which no model describes counts by how much less one leaves of it than another, and not for thousands.
-    student = (NOISE_DEGREES + count) * np.log1p((off - count) / (NOISE_DEGREES + count))
-    return np.asarray(-0.5 * (count + student + log_det))
+    # A run that leaves less than noise, as one that rests at a code does, knows no more of it than the others.
+    tail = (NOISE_DEGREES + count) * np.log1p(np.maximum(off - count, 0.0) / (NOISE_DEGREES + count))
+    return np.asarray(-0.5 * (np.minimum(off, count) + tail + log_det))
 
 
 def _summed(values: Array, place: NDArray[np.int64], count: int) -> Array:
