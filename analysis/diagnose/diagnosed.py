@@ -130,7 +130,7 @@ class Predicting:
     """The model that predicts, and that the profile carries: the stated one, the plain one, or one whose effects
     are not sure enough to be stated or say nothing of causes. It leaves least of its runs.
 
-    `fit` need not be that which the search ended with: it may have been fitted as it is judged. `causes` and `discovered`
+    `fit` need not be that which the search ended with: it may be as it is judged. `causes` and `discovered`
     are its effects; `errors` [unit] are the rms that the stated model and this one leave of the runs at the rate that
     they have in common, None where what is stated predicts.
     """

@@ -20,7 +20,7 @@ from shockrig.analysis.diagnose.search import Rated
 from shockrig.analysis.estimate.arrow import Arrow
 from shockrig.analysis.estimate.channel import Channel, as_single_samples
 from shockrig.analysis.estimate.effect import TINY_STRENGTH
-from shockrig.analysis.estimate.fit import Fit, fit, linearise
+from shockrig.analysis.estimate.fit import Fit, fit, linearise, with_airs
 from shockrig.analysis.estimate.fit_starts import rough_point, scanned_starts
 from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.estimate.noise import Noise
@@ -37,6 +37,7 @@ PLACED_WITHIN = 2.0  # standard uncertainties
 ALIKE = 1e-7  # scatter of ln rate that is none
 LEAST_SQUARE = 1e-30  # mean square that may be divided by
 FREE_LIMIT = 10.0  # likewise, of what nobody recorded
+STARTS_TRIED = 61  # within the limits
 NEWTON_STEPS = 8  # of Gauss and Newton within the limits
 SETTLED_STEP = 1e-3  # of the limits: a smaller step is none
 
@@ -90,29 +91,51 @@ def squares_of_bins(channel: Channel, left: Array) -> Array:
 
 
 def _within(problem: Problem, found: Fit, deviations: Array, limit: Array) -> Array:
-    """The random effects (R, U) within `limit` under which each run fits best, from those that fit best without.
+    """The random effects (R, U) within `limit` under which each run fits best, from those that fit best without, and
+    from the unrecorded start within it that leaves least.
 
-    A run that is off by more in its rate, say, than it may be would else keep the start that went with that rate.
+    A run that is off by more in its rate, say, than it may be would else keep the start that went with that rate; and
+    one whose record begins amid its response would keep the source far away that goes with a start long before.
     """
     at = np.clip(deviations, -limit, limit)
     beyond = np.flatnonzero((at != deviations).any(axis=1))
     if not beyond.size:
         return at
-    part, low, high = problem.select(beyond), -limit[beyond], limit[beyond]
-    here, best = at[beyond], np.full(beyond.size, np.inf)
-    kept = here
+    part, most = problem.select(beyond), limit[beyond]
+    ends = [_descended(part, found, here, most) for here in (at[beyond], _scanned_within(part, found, most))]
+    (first, left), (second, less) = ends
+    at[beyond] = np.where((less < left)[:, None], second, first)
+    return at
+
+
+def _scanned_within(part: Problem, found: Fit, limit: Array) -> Array:
+    """Random effects (R, U) at the unrecorded start within `limit` that leaves least of each run with airs within it
+    as well; at rest where there is none."""
+    known = part.channel.conditions.start_known
+    tried = np.tile(part.channel.at_rest(), (STARTS_TRIED, 1, 1))
+    tried[..., RunEffect.START] = np.linspace(-1.0, 1.0, STARTS_TRIED)[:, None] * np.where(
+        known, 0.0, limit[:, RunEffect.START]
+    )
+    tried, left = with_airs(part, found.model.on(part.channel), Point(found.theta, tried))
+    left = np.where((np.abs(tried) <= limit).all(axis=-1), left, np.inf)
+    best = np.argmin(left, axis=0), np.arange(len(limit))
+    return np.where(np.isfinite(left[best])[:, None], tried[best], part.channel.at_rest())
+
+
+def _descended(part: Problem, found: Fit, here: Array, limit: Array) -> tuple[Array, Array]:
+    """Random effects (R, U) within `limit` from a begin, and what they leave of each run (R,)."""
+    kept, best = here, np.full(len(here), np.inf)
     for _ in range(NEWTON_STEPS):
         prediction, arrow = linearise(part, found.structure, Point(found.theta, here))
         left = part.whiten(part.channel.value - prediction)
         cost = (left**2).sum(axis=1) + (here**2 * arrow.weight).sum(axis=1)
         kept = np.where((cost < best)[:, None], here, kept)
         best = np.minimum(cost, best)
-        moved = _bounded_step(arrow, left, here, low, high)
-        if (np.abs(moved - here) <= SETTLED_STEP * high).all():
+        moved = _bounded_step(arrow, left, here, -limit, limit)
+        if (np.abs(moved - here) <= SETTLED_STEP * limit).all():
             break
         here = moved
-    at[beyond] = kept
-    return at
+    return kept, best
 
 
 def _bounded_step(arrow: Arrow, left: Array, here: Array, low: Array, high: Array) -> Array:

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from shockrig.analysis.diagnose.gain import PLACED_WITHIN, placed
+from shockrig.analysis.diagnose.gain import PLACED_WITHIN, placed, run_errors
 from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import Point
 from shockrig.analysis.estimate.noise import estimate_noise, whiteners
 from shockrig.analysis.estimate.problem import make_problem
-from shockrig.files.campaign import read_campaign
+from shockrig.files.campaign import Campaign, Run, RunAir, Trace, read_campaign
 
 
 @pytest.mark.parametrize("memory", [None, 0.995])
@@ -44,3 +44,20 @@ def test_what_stands_at_a_limit_leaves_the_rest_where_it_fits_best(off, memory):
         bounds = list(zip(-limit[run], limit[run], strict=True))
         best = minimize(cost, found[run], (run,), "Nelder-Mead", bounds=bounds, options={"xatol": 1e-6, "fatol": 1e-4})
         assert cost(found[run], run) <= best.fun * 1.01
+
+
+@pytest.mark.parametrize("log_rate", [-8.6, -8.5])
+def test_a_start_long_before_the_record_keeps_to_the_limits_where_it_fits_best(log_rate):
+    """A tank that runs empty, for a sphere too slow for it: without limits start and source go far away together, to
+    where within them it fits badly. Before: it stayed there, 1.97 and 0.98 K off where 0.69 and 0.57 are."""
+    random, nobody = np.random.default_rng(3), RunAir(None, None)
+    time = 10.0 * np.arange(1.0, 100.0)
+    value = 51.0 + 26.0 * np.maximum(1.0 - time / 900.0, 0.0) ** 2 + 0.05 * random.standard_normal(time.size)
+    run = Run("0001", nobody, nobody, None, 1000.0, None, None, Trace(time, {"temperature_c": value}), None)
+    channel = build_channel(Campaign("tank", None, {}, 4e-4, 1e-5, (run,)), "temperature")
+    problem = make_problem(channel, whiteners(channel, estimate_noise(channel)))
+    plain = plain_fit(problem)
+    slow, slower = (
+        run_errors(channel, problem, replace(plain, theta=np.array([x])))[0] for x in (log_rate, log_rate - 0.1)
+    )
+    assert slow < slower
