@@ -31,6 +31,7 @@ from shockrig.analysis.diagnose.gain import (
     Gain,
     HeldOutPart,
     as_judged,
+    carried,
     held_out_parts,
     measure_gain,
     run_errors,
@@ -48,7 +49,7 @@ from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import Fit
 from shockrig.analysis.estimate.gather import UNSETTLED, build_channel, usable_runs, why_none
-from shockrig.analysis.estimate.predictive import BUMP_COUNT, as_stated, bumps, score
+from shockrig.analysis.estimate.predictive import BUMP_COUNT, as_stated, bumps, no_surer, score
 from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, looked_for
 from shockrig.analysis.estimate.seen import FEW_RUNS
@@ -61,9 +62,9 @@ from shockrig.files.numbers import counted
 
 Array = NDArray[np.float64]
 
-MOST_PREDICTING = 12  # models that are tried at one rate for all runs
-# Nats of the criterion that are not worth more than a bare mention (Kass and Raftery 1995,
-# doi 10.1080/01621459.1995.10476572): models that far apart predict alike.
+MOST_PREDICTING = 12  # models that are tried beside the stated and the plain one
+# Nats that are not worth more than a bare mention (Kass and Raftery 1995, doi 10.1080/01621459.1995.10476572): models
+# that far apart predict alike.
 AS_GOOD = 1.0
 LEAST_TRIED = 0.01  # weight of a model that is not stated, from which on its effect is said to have been tried
 
@@ -270,28 +271,25 @@ def _predicting(ready: Prepared, found: Search, stands: Predicting, shown: tuple
     """
     problem, channel = ready.problem, ready.problem.channel
     first = sorted((one for one, _ in found.predictors), key=lambda one: _criterion(channel, one.fit))
-    among = {id(one) for one in (*first[:MOST_PREDICTING], found.plain, found.best)}
-    before = float(run_errors(channel, problem, found.best.fit).mean())
-    tried, left = [(found.best, found.best.fit)], [before]
-    for model in (one for one, _ in found.predictors if id(one) in among):
-        fit = as_judged(problem, model.fit)
-        if fit is not None:
-            tried.append((model, fit))
-            left.append(float(run_errors(channel, problem, fit).mean()))
-    best = int(np.nanargmin(left))
+    models = {id(one): one for one in (found.best, found.plain, *first[:MOST_PREDICTING])}
+    tried = [(one, judged) for one in models.values() if (judged := as_judged(problem, one.fit)) is not None]
+    left = [float(run_errors(channel, problem, judged).mean()) for _, judged in tried]
+    before, least = float(run_errors(channel, problem, found.best.fit).mean()), min(left, default=np.inf)
     # Independent errors of unknown size, as many in each run as a discrepancy has bumps, tell so much of two models.
-    told = 0.5 * BUMP_COUNT * channel.runs * np.log(max(before, LEAST_SQUARE) / max(left[best], LEAST_SQUARE))
-    if told <= AS_GOOD:
+    told = 0.5 * BUMP_COUNT * channel.runs * np.log(max(before, LEAST_SQUARE) / max(least, LEAST_SQUARE))
+    if not told > AS_GOOD:
         return stands
-    model, fit = tried[best]
-    carried = replace(model, fit=fit, score=score(problem, fit, bumps(problem)))
-    final, stated_so = _final(problem, carried, than_runs=True), replace(found, best=model)
+    model, judged = tried[left.index(least)]
+    fit = carried(problem, model.fit, judged)
+    rated = replace(model, fit=fit, score=score(problem, fit, bumps(problem)))
+    sure = no_surer(problem, fit, bumps(problem), rated.score.discrepancy, than_runs=True)
+    final, stated_so = widened(problem, sure), replace(found, best=model)
     return Predicting(
         model,
         final,
         _causes(ready, stated_so, final),
         (*stated(problem, stated_so, final), *shown),
-        (float(np.sqrt(before)), float(np.sqrt(left[best]))),
+        (float(np.sqrt(before)), float(np.sqrt(least))),
     )
 
 

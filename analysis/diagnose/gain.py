@@ -24,7 +24,7 @@ from shockrig.analysis.estimate.fit import Fit, fit, linearise, with_airs
 from shockrig.analysis.estimate.fit_starts import rough_point, scanned_starts
 from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.estimate.noise import Noise
-from shockrig.analysis.estimate.predictive import as_stated, beside, bumps, score
+from shockrig.analysis.estimate.predictive import as_stated, bumps, score
 from shockrig.analysis.estimate.problem import RATE_SCATTER, Problem
 from shockrig.analysis.estimate.quantity import RunEffect
 from shockrig.analysis.physics.chain import at_jump, evaluate
@@ -35,6 +35,7 @@ Array = NDArray[np.float64]
 
 PLACED_WITHIN = 2.0  # standard uncertainties
 ALIKE = 1e-7  # scatter of ln rate that is none
+JUDGED_ROUNDS = 2  # of a fit, each under what the one before left
 LEAST_SQUARE = 1e-30  # mean square that may be divided by
 FREE_LIMIT = 10.0  # likewise, of what nobody recorded
 STARTS_TRIED = 61  # within the limits
@@ -66,23 +67,38 @@ def placed(bins: Problem, found: Fit) -> Array:
 
 
 def as_judged(problem: Problem, found: Fit) -> Fit | None:
-    """A model fitted as it is judged where it predicts: at one rate for all runs, each reading counting alike, and each
-    run. None for a fit that led to no number.
+    """A model's parameters as they are judged where it predicts: fitted at one rate for all runs, each reading counting
+    alike, and each run. None for a fit that led to no number.
 
     A fit knows of nothing that a model is wrong by. Where that is more than the noise, runs take rates of their own,
     however little these may scatter, which no other run has; and readings that noise says less of count for more.
     """
-    channel, square = problem.channel, float(run_errors(problem.channel, problem, found).mean())
-    if not np.isfinite(square):
-        return None
+    channel, structure = problem.channel, found.structure
     readings = channel.count.sum(axis=1, keepdims=True)
-    weight = np.sqrt(channel.count * readings.mean() / np.maximum(readings, 1) / max(square, LEAST_SQUARE))
-    alike = replace(problem.with_rate_scatter(ALIKE), whitener=weight[:, :, None] * np.eye(weight.shape[1]))
-    rough, deviations = rough_point(alike, found.structure, found.choice), found.deviations.copy()
-    deviations[:, RunEffect.RATE] = 0.0
-    begins = (Point(found.theta, deviations), rough)
-    ends = [fit(alike, found.structure, at.theta, at.deviations, 40, adapt_scatter=False) for at in begins]
-    return beside(problem, found, min(ends, key=lambda f: f.objective))
+    alike = problem.with_rate_scatter(ALIKE).with_strength_scatter(TINY_STRENGTH)
+    deviations = found.deviations.copy()
+    deviations[:, [RunEffect.RATE, RunEffect.STRENGTH]] = 0.0
+    again, begins = found, [Point(found.theta, deviations)]
+    for _ in range(JUDGED_ROUNDS):  # what is left is the noise of the next
+        square = float(run_errors(channel, problem, again).mean())
+        if not np.isfinite(square):
+            return None
+        weight = np.sqrt(channel.count * readings.mean() / np.maximum(readings, 1) / max(square, LEAST_SQUARE))
+        part = replace(alike, whitener=weight[:, :, None] * np.eye(weight.shape[1]))
+        if again is found:
+            begins.append(rough_point(part, structure, found.choice))
+        ends = [fit(part, structure, at.theta, at.deviations, 40, adapt_scatter=False) for at in begins]
+        again = min(ends, key=lambda f: f.objective)
+        begins = [again.point]
+    return again
+
+
+def carried(problem: Problem, found: Fit, judged: Fit) -> Fit:
+    """A model with parameters that were fitted as they are judged, as a fit to the problem: its runs' deviations, and
+    its uncertainties, are those under the scatters that the search found."""
+    own = found.on_its_scatters(problem)
+    held = fit(own, found.structure, judged.theta, found.deviations, adapt_scatter=False, hold_theta=True)
+    return fit(own, found.structure, judged.theta, held.deviations, 0, adapt_scatter=False)
 
 
 def squares_of_bins(channel: Channel, left: Array) -> Array:
@@ -117,7 +133,7 @@ def _scanned_within(part: Problem, found: Fit, limit: Array) -> Array:
         known, 0.0, limit[:, RunEffect.START]
     )
     tried, left = with_airs(part, found.model.on(part.channel), Point(found.theta, tried))
-    left = np.where((np.abs(tried) <= limit).all(axis=-1), left, np.inf)
+    left = np.where((np.abs(tried) <= limit).all(axis=-1) & np.isfinite(left), left, np.inf)
     best = np.argmin(left, axis=0), np.arange(len(limit))
     return np.where(np.isfinite(left[best])[:, None], tried[best], part.channel.at_rest())
 
@@ -130,7 +146,9 @@ def _descended(part: Problem, found: Fit, here: Array, limit: Array) -> tuple[Ar
         left = part.whiten(part.channel.value - prediction)
         cost = (left**2).sum(axis=1) + (here**2 * arrow.weight).sum(axis=1)
         kept = np.where((cost < best)[:, None], here, kept)
-        best = np.minimum(cost, best)
+        best = np.fmin(cost, best)
+        if not np.isfinite(cost).all():  # a model that has no value there
+            break
         moved = _bounded_step(arrow, left, here, -limit, limit)
         if (np.abs(moved - here) <= SETTLED_STEP * limit).all():
             break

@@ -287,7 +287,7 @@ def edges_after_transfer(
 
     `half_s` is the time to half of the step, infinite or NaN where no run tells it; `fine` as from `fine_width`. A
     start that nobody recorded may lie `open_s` before its estimate, where no wide bin may hide what a model says, and
-    is about there: no bin that it may lie in holds two readings, nor is one wide where a film begins like sqrt(t).
+    is about there: no bin about that holds two readings, nor is one wide where a film begins like sqrt(t).
     """
     half = half_s if np.isfinite(half_s) else np.inf
     # Half a period before zero, so that with one sample a period each narrow bin holds one sample.
@@ -301,8 +301,9 @@ def edges_after_transfer(
     if open_s > 0.0:
         # A record that begins with the change has its readings whole periods after the estimate: amid their bins,
         # however a clock jitters.
-        apart, after = WIDENING, [0.5 * period_s]
-        close = after[0] - _widening(near + after[0] - period_s, 0.1 * tempo, period_s)[:0:-1]
+        apart, half_period = WIDENING, 0.5 * period_s
+        after.append(half_period)
+        close = half_period - _widening(near + half_period - period_s, 0.1 * tempo, period_s)[:0:-1]
         close = close[close > -near]
     for until, width in BIN_PLAN:
         while after[-1] < min(until * tempo, last_s) - 1e-9:

@@ -317,14 +317,8 @@ def stated_beside(problem: Problem, found: Fit, bump: Array, discrepancy: float)
     """
     if discrepancy == 0.0:
         return found
-    again = fit(allowing(problem, bump, discrepancy), found.structure, found.theta, found.deviations)
-    there = beside(problem, found, again)
-    return replace(there, rate_scatter=again.rate_scatter, strength_scatter=again.strength_scatter)
-
-
-def beside(problem: Problem, found: Fit, again: Fit) -> Fit:
-    """A fit with the parameters of another one, made under other weights of the readings; residuals, normal equations
-    and deviance are those of the problem as it was."""
+    part = allowing(problem, bump, discrepancy)
+    again = fit(part, found.structure, found.theta, found.deviations)
     prediction, arrow = linearise(problem, found.structure, again.point)
     residual = np.where(problem.channel.count > 0, problem.channel.value - prediction, 0.0)
     return replace(
@@ -332,6 +326,8 @@ def beside(problem: Problem, found: Fit, again: Fit) -> Fit:
         theta=again.theta,
         covariance=again.covariance,
         deviations=again.deviations,
+        rate_scatter=again.rate_scatter,
+        strength_scatter=again.strength_scatter,
         residual=residual,
         arrow=arrow,
     )

@@ -420,7 +420,8 @@ def predicting_sentence(found: ChannelDiagnosis) -> str:
         return listed([label(e) + shares[e] for e in sorted(ids)])
 
     stated, own = found.predicting.errors
-    missed = f"misses them by {plain(own, 2)}, not {plain(stated, 2)} {UNIT[found.name]}"
+    digits = next((n for n in range(2, 6) if plain(own, n) != plain(stated, n)), 2)
+    missed = f"misses them by {plain(own, digits)}, not {plain(stated, digits)} {UNIT[found.name]}"
     why = f"At the rate that runs have in common it {missed}"
     if other is best:
         fitted = "gives all runs one rate and all readings one weight"

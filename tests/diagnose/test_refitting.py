@@ -7,7 +7,7 @@ import pytest
 from small_worlds import record
 
 from shockrig.analysis.diagnose.candidates import candidates
-from shockrig.analysis.diagnose.gain import as_judged, run_errors
+from shockrig.analysis.diagnose.gain import as_judged, carried, run_errors
 from shockrig.analysis.diagnose.prepare import prepare
 from shockrig.analysis.diagnose.refitting import plain_fit, refit
 from shockrig.analysis.diagnose.search import Race
@@ -73,6 +73,16 @@ def test_a_right_model_is_fitted_alike_as_it_is_judged():
     assert np.all(np.abs(again.theta - found.theta) < 5.0 * sure)
     left = [run_errors(problem.channel, problem, one).mean() for one in (found, again)]
     assert left[1] == pytest.approx(left[0], rel=0.02)
+
+
+def test_what_a_profile_carries_knows_how_far_its_runs_are_apart():
+    """Fitted at one rate, its runs' own rates are still those that they have, and its uncertainty counts them."""
+    problem = prepare(untriggered(2, (40, 300, 300, 40))).problem
+    own = plain_fit(problem)
+    found = carried(problem, own, as_judged(problem, own))
+    assert found.theta == pytest.approx(as_judged(problem, own).theta)
+    assert found.own_rates().own.std() == pytest.approx(own.own_rates().own.std(), rel=0.3)
+    assert np.sqrt(found.covariance[0, 0]) > 0.5 * own.own_rates().own.std() / 2.0
 
 
 def lone_plunge():

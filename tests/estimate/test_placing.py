@@ -46,10 +46,10 @@ def test_what_stands_at_a_limit_leaves_the_rest_where_it_fits_best(off, memory):
         assert cost(found[run], run) <= best.fun * 1.01
 
 
-@pytest.mark.parametrize("log_rate", [-8.6, -8.5])
-def test_a_start_long_before_the_record_keeps_to_the_limits_where_it_fits_best(log_rate):
+@pytest.mark.parametrize(("log_rate", "most"), [(-8.6, 0.75), (-8.5, 0.6)])
+def test_a_start_long_before_the_record_keeps_to_the_limits_where_it_fits_best(log_rate, most):
     """A tank that runs empty, for a sphere too slow for it: without limits start and source go far away together, to
-    where within them it fits badly. Before: it stayed there, 1.97 and 0.98 K off where 0.69 and 0.57 are."""
+    where within them it fits badly. Before: it stayed there, 2.0 and 1.0 K off where 0.69 and 0.57 are."""
     random, nobody = np.random.default_rng(3), RunAir(None, None)
     time = 10.0 * np.arange(1.0, 100.0)
     value = 51.0 + 26.0 * np.maximum(1.0 - time / 900.0, 0.0) ** 2 + 0.05 * random.standard_normal(time.size)
@@ -57,7 +57,5 @@ def test_a_start_long_before_the_record_keeps_to_the_limits_where_it_fits_best(l
     channel = build_channel(Campaign("tank", None, {}, 4e-4, 1e-5, (run,)), "temperature")
     problem = make_problem(channel, whiteners(channel, estimate_noise(channel)))
     plain = plain_fit(problem)
-    slow, slower = (
-        run_errors(channel, problem, replace(plain, theta=np.array([x])))[0] for x in (log_rate, log_rate - 0.1)
-    )
-    assert slow < slower
+    slow = replace(plain, theta=np.array([log_rate]))
+    assert np.sqrt(run_errors(channel, problem, slow)[0]) < most
