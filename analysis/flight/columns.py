@@ -25,6 +25,7 @@ Rows = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 CUT = 8.0  # times what a column usually goes, that it jumps by between two pieces
+CUT_IN_NOISE = 5.0  # times the noise there: a cut too many costs little, and one too few holds two things for one
 LEVEL_ROWS = 3  # at either end of a piece: single readings may be noise
 CHANGE = 7.0  # nats against columns that change place, or unit
 NOTHING = 16.0  # nats against a column that holds neither quantity from a jump on: a code, a burst
@@ -98,7 +99,7 @@ class _Usual:
         self.noise = MAD_TO_SIGMA * median_filter(np.abs(self.step), WINDOW_ROWS, mode="mirror")
         least = resolution or np.finfo(float).eps
         at_once = max(MAD_TO_SIGMA * float(np.median(np.abs(self.step[1:]))), least)
-        self.jumped = np.abs(self.step) > CUT * np.maximum(at_once, self.noise)
+        self.jumped = np.abs(self.step) > np.maximum(CUT * at_once, CUT_IN_NOISE * self.noise)
         going = np.cumsum(np.where(self.jumped, 0.0, self.step))
         self.lags, usual = [], []
         for on in 2 ** np.arange(int(np.log2(rows.size))):
