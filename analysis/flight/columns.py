@@ -31,7 +31,7 @@ CHANGE = 7.0  # nats against columns that change place, or unit
 NOTHING = 16.0  # nats against a column that holds neither quantity from a jump on: a code, a burst
 # nats against all of a log being so, and against a part of it by its share
 ALL_NOTHING, ALL_WARM, ALL_ODD = 20.0, 24.0, 6.0  # odd: not in their usual place, exchanged usually, or in degF
-WARM_C = 35.0  # few airs are flown in that are warmer
+WARM_C = 45.0  # few airs are flown in that are warmer
 AIR_C = RANGES["temperature_c"]
 SURE = 0.8  # probability of what is done with a row
 CHAINS = 32  # that are followed at once: twice as many change nothing, half as many do
