@@ -275,14 +275,12 @@ def _predicting(ready: Prepared, found: Search, stands: Predicting, shown: tuple
     tried = [(one, judged) for one in models.values() if (judged := as_judged(problem, one.fit)) is not None]
     left = [float(run_errors(channel, problem, judged).mean()) for _, judged in tried]
     before, least = float(run_errors(channel, problem, found.best.fit).mean()), min(left, default=np.inf)
-    # Independent errors of unknown size, as many in each run as a discrepancy has bumps, tell so much of two models.
-    told = 0.5 * BUMP_COUNT * channel.runs * np.log(max(before, LEAST_SQUARE) / max(least, LEAST_SQUARE))
-    if not told > AS_GOOD:
+    if not _loss(channel, before) - _loss(channel, least) > AS_GOOD:
         return stands
     model, judged = tried[left.index(least)]
     fit = carried(problem, model.fit, judged)
-    rated = replace(model, fit=fit, score=score(problem, fit, bumps(problem)))
-    sure = no_surer(problem, fit, bumps(problem), rated.score.discrepancy, than_runs=True)
+    bump = bumps(problem)
+    sure = no_surer(problem, fit, bump, score(problem, fit, bump).discrepancy, than_runs=True)
     final, stated_so = widened(problem, sure), replace(found, best=model)
     return Predicting(
         model,
@@ -293,12 +291,17 @@ def _predicting(ready: Prepared, found: Search, stands: Predicting, shown: tuple
     )
 
 
+def _loss(channel: Channel, square: float) -> float:
+    """Nats against a model that leaves a mean square of the runs: each counts as as many independent errors of unknown
+    size as a discrepancy has bumps, since what a model is wrong by is no noise: it is there again in the next run."""
+    return 0.5 * BUMP_COUNT * channel.runs * float(np.log(max(square, LEAST_SQUARE)))
+
+
 def _criterion(channel: Channel, found: Fit) -> float:
-    """Schwarz's criterion, halved [nats], of what a fit leaves at its runs' own rates (doi 10.1214/aos/1176344136):
-    each run counts as as many independent errors of unknown size as a discrepancy has bumps, since what a model is
-    wrong by is no noise: it is there again in the next run. Endless for a fit that led to no number."""
-    errors, square = BUMP_COUNT * channel.runs, squares_of_bins(channel, found.residual).mean()
-    loss = 0.5 * (errors * np.log(max(square, LEAST_SQUARE)) + found.theta.size * np.log(errors))
+    """Schwarz's criterion, halved [nats], of what a fit leaves at its runs' own rates (doi 10.1214/aos/1176344136).
+    Endless for a fit that led to no number."""
+    price = 0.5 * found.theta.size * np.log(BUMP_COUNT * channel.runs)
+    loss = _loss(channel, float(squares_of_bins(channel, found.residual).mean())) + price
     return float("inf") if np.isnan(loss) else float(loss)
 
 

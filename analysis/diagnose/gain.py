@@ -35,7 +35,6 @@ Array = NDArray[np.float64]
 
 PLACED_WITHIN = 2.0  # standard uncertainties
 ALIKE = 1e-7  # scatter of ln rate that is none
-JUDGED_ROUNDS = 2  # of a fit, each under what the one before left
 LEAST_SQUARE = 1e-30  # mean square that may be divided by
 FREE_LIMIT = 10.0  # likewise, of what nobody recorded
 STARTS_TRIED = 61  # within the limits
@@ -54,7 +53,7 @@ def placed(bins: Problem, found: Fit) -> Array:
     count = problem.channel.count
     of_one = np.einsum("rii->ri", problem.whitener) ** 2 / np.maximum(count, 1)  # precision of a reading
     weight = np.sqrt(count * of_one.mean(axis=1, where=count > 0, keepdims=True))
-    problem = replace(problem, whitener=weight[:, :, None] * np.eye(weight.shape[1]))
+    problem = _weighed(problem, weight)
     at = problem.channel.at_rest()
     reached = fit(problem, found.structure, found.theta, at, adapt_scatter=False, hold_theta=True)
     moved = scanned_starts(problem, reached)
@@ -64,6 +63,11 @@ def placed(bins: Problem, found: Fit) -> Array:
     # What nobody recorded is free: it is placed where it fits best, for every model alike.
     limit = np.where(problem.stated, PLACED_WITHIN, FREE_LIMIT) * problem.scatter
     return _within(problem, found, reached.deviations, limit)
+
+
+def _weighed(problem: Problem, weight: Array) -> Problem:
+    """A problem whose bins (R, n) have independent errors, and those weights."""
+    return replace(problem, whitener=weight[:, :, None] * np.eye(weight.shape[1]))
 
 
 def as_judged(problem: Problem, found: Fit) -> Fit | None:
@@ -78,19 +82,24 @@ def as_judged(problem: Problem, found: Fit) -> Fit | None:
     alike = problem.with_rate_scatter(ALIKE).with_strength_scatter(TINY_STRENGTH)
     deviations = found.deviations.copy()
     deviations[:, [RunEffect.RATE, RunEffect.STRENGTH]] = 0.0
-    again, begins = found, [Point(found.theta, deviations)]
-    for _ in range(JUDGED_ROUNDS):  # what is left is the noise of the next
-        square = float(run_errors(channel, problem, again).mean())
+
+    def beside(left_by: Fit) -> Problem | None:
+        """The problem whose noise is what a fit leaves; None where that is no number."""
+        square = float(run_errors(channel, problem, left_by).mean())
         if not np.isfinite(square):
             return None
-        weight = np.sqrt(channel.count * readings.mean() / np.maximum(readings, 1) / max(square, LEAST_SQUARE))
-        part = replace(alike, whitener=weight[:, :, None] * np.eye(weight.shape[1]))
-        if again is found:
-            begins.append(rough_point(part, structure, found.choice))
+        share = channel.count * readings.mean() / np.maximum(readings, 1)
+        return _weighed(alike, np.sqrt(share / max(square, LEAST_SQUARE)))
+
+    def best_from(part: Problem, *begins: Point) -> Fit:
         ends = [fit(part, structure, at.theta, at.deviations, 40, adapt_scatter=False) for at in begins]
-        again = min(ends, key=lambda f: f.objective)
-        begins = [again.point]
-    return again
+        return min(ends, key=lambda f: f.objective)
+
+    if (part := beside(found)) is None:
+        return None
+    first = best_from(part, Point(found.theta, deviations), rough_point(part, structure, found.choice))
+    # Priors of starts and airs bind by what is left at the end, and not by what the search's fit left.
+    return None if (part := beside(first)) is None else best_from(part, first.point)
 
 
 def carried(problem: Problem, found: Fit, judged: Fit) -> Fit:
