@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import importlib
+import importlib.machinery
 import io
 import os
 import signal
@@ -19,6 +19,7 @@ from shockrig.protocols.parser import Parser, meant_or
 
 TYPE_CHECKING = False  # as in shockrig/__init__.py
 if TYPE_CHECKING:
+    from types import FrameType
     from typing import Any
 
 # command -> (module in protocols.commands, what it does)
@@ -191,44 +192,59 @@ def _tell(text: str) -> None:
 def ended_by_signals(by_ctrl_c: bool = False) -> Iterator[None]:
     """SIGTERM and a closed terminal end a command as an exception does, so that it clears away what is half done.
 
-    An exception that a signal raises in the middle of a deletion is dropped by Python: the signal is then sent again.
-    What is ignored (nohup) stays so, and a program that calls `main` keeps handlers of its own. `by_ctrl_c`: save
-    for SIGINT, which everything ignores that a script starts in the background, where a command is to be ended by it.
+    An exception that a signal raises in the middle of a deletion is dropped by Python, and in the middle of loading a
+    compiled library it comes out as that library's own error: the signal is then sent again. What is ignored (nohup)
+    stays so, and a program that calls `main` keeps handlers of its own. `by_ctrl_c`: save for SIGINT, which everything
+    ignores that a script starts in the background, where a command is to be ended by it.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    ours = [number for number in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(number) is signal.SIG_DFL]
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)}
+    usual = [signal.SIG_DFL, signal.default_int_handler]
+    ours = {number: handler for number, handler in handlers.items() if handler in usual}
+    if by_ctrl_c and handlers[signal.SIGINT] is signal.SIG_IGN:
+        ours[signal.SIGINT] = signal.SIG_IGN
     for number in ours:
         signal.signal(number, _end)
-    deaf = by_ctrl_c and signal.getsignal(signal.SIGINT) is signal.SIG_IGN
-    if deaf:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
     before, sys.unraisablehook = sys.unraisablehook, _sent_again
     try:
         yield
     finally:
         sys.unraisablehook = before
-        for number in ours:
-            signal.signal(number, signal.SIG_DFL)
-        if deaf:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
+        for number, handler in ours.items():
+            signal.signal(number, handler)
 
 
-def _end(number: int, frame: object) -> None:
-    raise SystemExit(128 + number)
+def _end(number: int, frame: FrameType | None) -> None:
+    if _loads_a_library(frame):
+        _send_again(number)
+    elif number == signal.SIGINT:
+        raise KeyboardInterrupt
+    else:
+        raise SystemExit(128 + number)
+
+
+def _loads_a_library(frame: FrameType | None) -> bool:
+    while frame is not None:
+        if isinstance(frame.f_locals.get("self"), importlib.machinery.ExtensionFileLoader):
+            return True
+        frame = frame.f_back
+    return False
 
 
 def _sent_again(dropped: sys.UnraisableHookArgs) -> None:
     """What Python drops of signals is sent again; of the rest it says what it says."""
     match dropped.exc_value:
         case KeyboardInterrupt():
-            number = signal.SIGINT.value
+            _send_again(signal.SIGINT)
         case SystemExit(code=int(code)) if code > 128:
-            number = code - 128
+            _send_again(code - 128)
         case _:
             sys.__unraisablehook__(dropped)
-            return
+
+
+def _send_again(number: int) -> None:
     again = threading.Timer(AGAIN_S, os.kill, (os.getpid(), number))
     again.daemon = True
     again.start()
