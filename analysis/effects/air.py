@@ -21,13 +21,15 @@ from shockrig.analysis.estimate.effect import (
 from shockrig.analysis.estimate.without_model import FEWEST_RUNS, as_fast_as_seen
 from shockrig.analysis.physics.chain import Chain, Recorded, RoomAir
 
+Array = NDArray[np.float64]
+
 # The transfer takes time: the air at the probes changes linearly over `duration_s` from the transfer's start.
 #
 # Where all runs state a measured duration, each run's ramp is in proportion to its own and `duration_s` is the median
 # run's; those that were slowed on purpose, or alone state one, have just that duration, in the plain model too.
 
 
-def _ramp(chain: Chain, p: Arrays) -> NDArray[np.float64]:
+def _ramp(chain: Chain, p: Arrays) -> Array:
     air = chain.channel.conditions
     return np.where(np.isfinite(air.ramp_own_s), air.ramp_own_s, p["duration_s"] * air.ramp_ratio)
 

@@ -79,13 +79,10 @@ LAWS: dict[tuple[str, str, tuple[Factor, ...]], tuple[Law, ...]] = {
 }
 
 
-def _driver(form: Form) -> str:
-    return "air" if form.driver in ("air_temperature", "air_humidity") else form.driver
-
-
 def laws_of(form: Form) -> tuple[Law, ...]:
     """The effects whose law a form is, whether the catalogue at hand holds them or not."""
-    return LAWS.get((form.behaves_as, _driver(form), form.depends_on), ())
+    driver = "air" if form.driver in ("air_temperature", "air_humidity") else form.driver
+    return LAWS.get((form.behaves_as, driver, form.depends_on), ())
 
 
 def forms_of(effect: str, driver: str) -> tuple[tuple[Form, Mapping[str, str]], ...]:
@@ -97,15 +94,6 @@ def forms_of(effect: str, driver: str) -> tuple[tuple[Form, Mapping[str, str]], 
         if names is not None:
             found.append((Form(behaviour, driver if of == "air" else of, on), names))
     return tuple(found)
-
-
-def kin(effect: str, form: Form) -> bool:
-    """Whether a form is the behaviour of an effect's law, by another rule or by the same."""
-    return any(
-        (form.behaves_as, _driver(form)) == key[:2]
-        for key, laws in LAWS.items()
-        if any(name == effect for name, _ in laws)
-    )
 
 
 Arrays = Mapping[str, Array]
@@ -288,7 +276,7 @@ def _relaxed(time: Array, each_s: Array) -> Array:
 
 
 def _readout(chain: Chain, added: Callable[[Array, Array], Array]) -> Chain:
-    return replace(chain, readouts=(*chain.readouts, lambda reading, time, die_c: reading + added(reading, time)))
+    return chain.with_readout(lambda reading, time, die_c: reading + added(reading, time))
 
 
 def _lag_in_series(form: Form, chain: Chain, p: Arrays) -> Chain:
@@ -326,11 +314,14 @@ def _rate_change(form: Form, chain: Chain, p: Arrays) -> Chain:
 
 def late_by(form: Form, conditions: Conditions) -> Array:
     """By what the size of a delay is multiplied at the transfer of each run (R,)."""
-    if ("history", "linear") in form.depends_on:
-        return PPM * conditions.start_s
+    return PPM * conditions.start_s if ("history", "linear") in form.depends_on else _grown(form, conditions)
+
+
+def _grown(form: Form, conditions: Conditions) -> Array:
+    """By what a size is multiplied in each run (R,): it may grow from run to run, or with the hours of a campaign."""
     if ("time_of_campaign", "linear") in form.depends_on:
         return np.nan_to_num(conditions.hours)
-    return conditions.order if ("run_order", "linear") in form.depends_on else np.ones(conditions.start_s.shape)
+    return conditions.order if ("run_order", "linear") in form.depends_on else np.ones(conditions.order.shape)
 
 
 def _delay(form: Form, chain: Chain, p: Arrays) -> Chain:
@@ -357,7 +348,7 @@ def _added_response(form: Form, chain: Chain, p: Arrays) -> Chain:
         def with_die(reading: Array, time: Array, die_c: Array) -> Array:
             return np.asarray(reading + size * np.where(np.isfinite(die_c), die_c - USUAL_C, 0.0))
 
-        return replace(chain, readouts=(*chain.readouts, with_die))
+        return chain.with_readout(with_die)
     kinetics = dict(form.depends_on).get("history", "")
     creeps = kinetics in ("logarithmic", "linear")
     each_s = times_s(form, p) if "time_constant_s" in p else np.full((1, 1, 1), A_MINUTE_S)
@@ -391,11 +382,6 @@ def _added_rate(form: Form, chain: Chain, p: Arrays) -> Chain:
     return _readout(chain, lambda reading, time: step[..., None] * _relaxed(time, each_s))
 
 
-def _bent(jumps: bool) -> Form:
-    """A calibration line that is bent: a gain that moves with what is read."""
-    return Form("gain", "own_response", (("humidity" if jumps else "ambient", "linear"),))
-
-
 def _gain(form: Form, chain: Chain, p: Arrays) -> Chain:
     if form.driver == "die_temperature":  # as the saturation pressure moves from the air's temperature to the die's
         size = (p["size"] * _scale(form, chain, p))[..., None]
@@ -405,9 +391,10 @@ def _gain(form: Form, chain: Chain, p: Arrays) -> Chain:
             die = np.where(np.isfinite(die_c), die_c, air)
             return np.asarray(reading * (saturation_pressure_hpa(die) / saturation_pressure_hpa(air)) ** size)
 
-        return replace(chain, readouts=(*chain.readouts, of_die))
-    if form == _bent(chain.channel.jumps_with_air):
-        slope, middle = p["size"][..., None], USUAL_PERCENT if chain.channel.jumps_with_air else USUAL_C
+        return chain.with_readout(of_die)
+    own, middle = ("humidity", USUAL_PERCENT) if chain.channel.jumps_with_air else ("ambient", USUAL_C)
+    if form == Form("gain", "own_response", ((own, "linear"),)):  # one that moves with what is read: a bent line
+        slope = p["size"][..., None]
         return _readout(chain, lambda reading, time: slope * reading * (reading - middle))
     if ("ambient", "linear") in form.depends_on:  # a gain that moves with the sensor's own temperature
         slope = p["size"][..., None]
@@ -416,25 +403,17 @@ def _gain(form: Form, chain: Chain, p: Arrays) -> Chain:
             air = np.where(time > 0, chain.destination_c[..., None], chain.source_c[..., None])
             return np.asarray(reading * (1.0 + slope * (np.where(np.isfinite(die_c), die_c, air) - USUAL_C)))
 
-        return replace(chain, readouts=(*chain.readouts, with_temperature))
+        return chain.with_readout(with_temperature)
     if ("humidity", "above") in form.depends_on:  # from a level on: minus one is a ceiling, hard, and less a soft one
         share, above = p["size"][..., None], p["humidity"][..., None]
         return _readout(chain, lambda reading, time: share * np.maximum(reading - above, 0.0))
     zero = p["ambient"][..., None] if ("ambient", "zero_at") in form.depends_on else 0.0
-    size = (_signed(form, chain, p, p["size"]) * _scale(form, chain, p))[..., None]
+    size = (p["size"] * _grown(form, chain.channel.conditions) * _scale(form, chain, p))[..., None]
     return _readout(chain, lambda reading, time: size * (reading - zero))
 
 
-def _signed(form: Form, chain: Chain, p: Arrays, size: Array) -> Array:
-    """A size (B, R) that grows from run to run, or with the hours of a campaign."""
-    c = chain.channel.conditions
-    if ("time_of_campaign", "linear") in form.depends_on:
-        return size * np.nan_to_num(c.hours)
-    return size * c.order if ("run_order", "linear") in form.depends_on else size
-
-
 def _offset(form: Form, chain: Chain, p: Arrays) -> Chain:
-    size = (_signed(form, chain, p, p["size"]) * _scale(form, chain, p))[..., None]
+    size = (p["size"] * _grown(form, chain.channel.conditions) * _scale(form, chain, p))[..., None]
     if ("direction", "sign") not in form.depends_on:
         return _readout(chain, lambda reading, time: np.broadcast_to(size, np.broadcast_shapes(size.shape, time.shape)))
     first = (chain.source_percent if chain.channel.jumps_with_air else chain.source_c)[..., None]

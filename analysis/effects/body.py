@@ -23,6 +23,8 @@ from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.physics.chain import Chain, Recorded
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 
+Array = NDArray[np.float64]
+
 # The sensing body has another shape than campaign.json says: one entry for each shape that it could have.
 
 
@@ -133,6 +135,20 @@ CONCENTRATION_DEPENDENT_DIFFUSIVITY = Effect(
 )
 
 
+# A share of the reading follows the air as a first-order lag beside the body: of a film that relaxes, of a stem, or of
+# what runs without a recorded airflow do not say.
+
+
+def _beside_the_body(chain: Chain, p: Arrays) -> Chain:
+    return replace(chain, lags=(*chain.lags, (p["fraction"], p["time_constant_s"][..., None])))
+
+
+LATE_IN_FLIGHT = InFlight(lag=lambda p: (p["fraction"], p["time_constant_s"]))
+AIRFLOW_OF_SEVERAL = Needs(
+    "needs two runs or more whose airflow was recorded",
+    lambda channel: bool(channel.conditions.airflow_known.all()) and channel.runs > 1,
+)
+
 # Non-Fickian uptake: `fraction` of it follows the air as a first-order lag with `time_constant_s`.
 
 SLOW_RELAXATION = Effect(
@@ -145,17 +161,14 @@ SLOW_RELAXATION = Effect(
         Parameter("fraction", "1", 0.001, 0.6, (0.05,), percent=True),
         Parameter("time_constant_s", "s", 0.5, 300.0, (25.0, 8.0, 70.0), log=True, none=None),
     ),
-    apply=lambda chain, p: replace(chain, lags=(*chain.lags, (p["fraction"], p["time_constant_s"][..., None]))),
+    apply=_beside_the_body,
     words=Words(
         ("The film takes up {fraction} of the water late, with a time constant of {time_constant_s} s (non-Fickian)."),
         "Record for several of the slow time constants; do not take the plateau at one minute as the end value.",
     ),
-    needs=Needs(
-        "needs two runs or more whose airflow was recorded",
-        lambda channel: bool(channel.conditions.airflow_known.all()) and channel.runs > 1,
-    ),
+    needs=AIRFLOW_OF_SEVERAL,
     start=Start(mirrors=True),
-    in_flight=InFlight(lag=lambda p: (p["fraction"], p["time_constant_s"])),
+    in_flight=LATE_IN_FLIGHT,
 )
 
 
@@ -171,7 +184,7 @@ STEM_CONDUCTION = Effect(
         Parameter("fraction", "1", 0.0005, 0.6, (0.03,), percent=True),
         Parameter("time_constant_s", "s", 0.5, 300.0, (8.0, 25.0), log=True, none=None),
     ),
-    apply=lambda chain, p: replace(chain, lags=(*chain.lags, (p["fraction"], p["time_constant_s"][..., None]))),
+    apply=_beside_the_body,
     words=Words(
         (
             "The bead's leads hold it back: {fraction} of the reading follows the stem, with a time constant of "
@@ -179,12 +192,9 @@ STEM_CONDUCTION = Effect(
         ),
         "Expose more of the leads to the air, or use thinner ones; hold the plateau for five stem time constants.",
     ),
-    needs=Needs(
-        "needs two runs or more whose airflow was recorded",
-        lambda channel: bool(channel.conditions.airflow_known.all()) and channel.runs > 1,
-    ),
+    needs=AIRFLOW_OF_SEVERAL,
     start=Start(mirrors=True),
-    in_flight=InFlight(lag=lambda p: (p["fraction"], p["time_constant_s"])),
+    in_flight=LATE_IN_FLIGHT,
 )
 
 
@@ -200,7 +210,7 @@ PARALLEL_LAG = Effect(
         Parameter("fraction", "1", 0.001, 0.9, (0.05, 0.3), percent=True),
         Parameter("time_constant_s", "s", 0.05, SLOWEST_S, (3.0, 10.0, 50.0, 300.0), log=True, none=None),
     ),
-    apply=lambda chain, p: replace(chain, lags=(*chain.lags, (p["fraction"], p["time_constant_s"][..., None]))),
+    apply=_beside_the_body,
     words=Words(
         "{fraction} of the response follows with a time constant of its own, {time_constant_s} s.",
         "Record the airflow and vary it: a support's share depends on it, a film's own does not.",
@@ -211,7 +221,7 @@ PARALLEL_LAG = Effect(
     ),
     start=Start(mirrors=True),
     candidacy=Candidacy(shape=True),
-    in_flight=InFlight(lag=lambda p: (p["fraction"], p["time_constant_s"])),
+    in_flight=LATE_IN_FLIGHT,
 )
 
 

@@ -121,7 +121,7 @@ LINKS: dict[str, Link] = {
     "delay": "logger",
     "periodic": "air",
 }
-NUDGES_S = (-0.02, -0.01, 0.01, 0.02)  # by which a transfer is later: each is fitted to its end
+LATER_S = (-0.02, -0.01, 0.01, 0.02)  # by which a transfer is later where fits begin beside the one found
 ORDER_AFTER_CATALOGUE = 1000  # in the order of the chain: after all of the catalogue
 TIMES_S = (0.3, 1.0, 3.0, 10.0, 30.0)
 NUMBERS: dict[tuple[str, str], tuple[float, float, tuple[float, ...], str, bool]] = {
@@ -194,7 +194,7 @@ def _from_the_jumps(form: Form, channel: Channel) -> dict[str, float]:
 def _nudges(form: Form, channel: Channel) -> list[dict[str, float]]:
     """By how much more the size of a delay is where transfers are a little later."""
     usual = float(np.nanmean(late_by(form, channel.conditions)))
-    return [{"size": late_s / usual} for late_s in NUDGES_S] if usual > 0 else []
+    return [{"size": late_s / usual} for late_s in LATER_S] if usual > 0 else []
 
 
 def of_sensor(form: Form) -> bool:
@@ -301,9 +301,9 @@ def size_unit(form: Form, unit: str) -> str:
 
 def equation(form: Form) -> str:
     """The equation that a form adds."""
+    depends = "".join(f" {_in_words(form, factor, how)}" for factor, how in form.depends_on)
     if form.behaves_as == "lag_in_series" and form.driver == "airflow":
-        words = "".join(f" {_in_words(form, factor, how)}" for factor, how in form.depends_on)
-        return f"flux into the body = (air - surface) / (size{words}), size in units of the body's own resistance"
+        return f"flux into the body = (air - surface) / (size{depends}), size in units of the body's own resistance"
     if form == MEAN:
         return "reading = mean of the readings over the last time_constant"
     if form.behaves_as == "lag_in_series" and ("history", "linear") in form.depends_on:
@@ -315,9 +315,7 @@ def equation(form: Form) -> str:
     if form.behaves_as == "gain" and ("humidity", "linear") in form.depends_on:
         return "reading (1 + size (reading - 50 %RH))"
     if form.behaves_as == "delay" and form.driver == "air_humidity":
-        words = "".join(f" {_in_words(form, factor, how)}" for factor, how in form.depends_on)
-        return f"vapour at the film(t) = vapour in the air(t - size{words})"
-    depends = "".join(f" {_in_words(form, factor, how)}" for factor, how in form.depends_on)
+        return f"vapour at the film(t) = vapour in the air(t - size{depends})"
     x = {"air_temperature": "T_air", "air_humidity": "H_air", "die_temperature": "T_die", "own_response": "reading"}
     driver = x.get(form.driver, "1")
     return {

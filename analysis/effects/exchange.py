@@ -22,6 +22,8 @@ from shockrig.analysis.estimate.effect import (
 from shockrig.analysis.physics.air_exchange import Stream, temperature_ratio, vapour_ratio, ventilation_ratio
 from shockrig.analysis.physics.chain import Chain, relative_ventilation
 
+Array = NDArray[np.float64]
+
 # The air film around the bead: surface flux h (T_air - T_s), Biot number h R / k = biot_at_5_m_s F(v) / F(5 m/s).
 #
 # F is taken at the air's own density: in thin air the bead is slower, and F is 14 % less at 700 hPa.
@@ -123,7 +125,7 @@ VAPOUR_BOUNDARY_LAYER = Effect(
 EARLY_LAGS, SETTLED_SHARE = 0.1, 0.95  # a body that is there so soon, in time constants of the lag, is none
 
 
-def _before_nothing(channel: Channel, values: Values, bare: Callable[[], NDArray[np.float64]]) -> bool:
+def _before_nothing(channel: Channel, values: Values, bare: Callable[[], Array]) -> bool:
     """Whether the body behind the lag follows at once: such a sensor is a lump, and has one time constant."""
     if channel.measured.any():
         return False

@@ -1,7 +1,5 @@
 """Heat that the bead gains or loses otherwise than to the air: dew that dries, its own current, light, walls."""
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,10 +9,12 @@ from shockrig.analysis.physics.air_exchange import dew_margin_k, ventilation_rat
 from shockrig.analysis.physics.chain import Chain, Recorded, relative_ventilation
 from shockrig.analysis.physics.humidity import ZERO_CELSIUS_K
 
+Array = NDArray[np.float64]
+
 # A wetted bead: after the transfer it reads low by `depression_k` exp(-t / `time_constant_s`) while the water leaves.
 
 
-def wetted(channel: Recorded) -> NDArray[np.float64]:
+def wetted(channel: Recorded) -> Array:
     """1 for the runs (R,) whose destination is known to be below saturation and so lets a wet bead dry, scaled by
     (100 - RH) / 50."""
     air = channel.conditions
@@ -22,13 +22,11 @@ def wetted(channel: Recorded) -> NDArray[np.float64]:
 
 
 def _cooled(chain: Chain, p: Arrays) -> Chain:
-    def cooled(
-        reading: NDArray[np.float64], late: NDArray[np.float64], die_c: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def cooled(reading: Array, late: Array, die_c: Array) -> Array:
         decay = np.exp(-np.maximum(late, 0) / p["time_constant_s"][..., None]) * (late > 0)
         return reading - (p["depression_k"] * wetted(chain.channel))[..., None] * decay
 
-    return replace(chain, readouts=(*chain.readouts, cooled))
+    return chain.with_readout(cooled)
 
 
 EVAPORATIVE_COOLING = Effect(
@@ -63,9 +61,9 @@ EVAPORATIVE_COOLING = Effect(
 # The measuring current warms the bead: reading warmer by rise_k_at_5_m_s F(5 m/s) / F(v).
 
 
-def _self_heated(chain: Chain, p: Arrays) -> Chain:
-    rise = (p["rise_k_at_5_m_s"] / relative_ventilation(chain.channel))[..., None]
-    return replace(chain, readouts=(*chain.readouts, lambda reading, time, die_c: reading + rise))
+def _warmed(chain: Chain, at_5_m_s: Array) -> Chain:
+    rise = (at_5_m_s / relative_ventilation(chain.channel))[..., None]
+    return chain.with_readout(lambda reading, time, die_c: reading + rise)
 
 
 SELF_HEATING = Effect(
@@ -75,7 +73,7 @@ SELF_HEATING = Effect(
     equation="T = T_bead + rise(5 m/s) F(5 m/s) / F(v)",
     source="power over h A, Ranz and Marshall 1952",
     parameters=(Parameter("rise_k_at_5_m_s", "K", 0.0, 5.0, (0.1,)),),
-    apply=_self_heated,
+    apply=lambda chain, p: _warmed(chain, p["rise_k_at_5_m_s"]),
     words=Words(
         "The measuring current warms the bead by {rise_k_at_5_m_s} K at 5 m/s, and more in slower air.",
         "Lower the excitation, or pulse it; check at two excitation powers.",
@@ -92,13 +90,6 @@ SELF_HEATING = Effect(
 
 # Light on the bead: reading warmer by kelvin_per_w_m2_at_5_m_s E F(5 m/s) / F(v), E from run.json's irradiance_w_m2.
 
-
-def _lit(chain: Chain, p: Arrays) -> Chain:
-    irradiance = chain.channel.conditions.irradiance_w_m2
-    rise = (p["kelvin_per_w_m2_at_5_m_s"] * irradiance / relative_ventilation(chain.channel))[..., None]
-    return replace(chain, readouts=(*chain.readouts, lambda reading, time, die_c: reading + rise))
-
-
 RADIATIVE_HEATING = Effect(
     id="radiative_heating",
     link="readout",
@@ -106,7 +97,7 @@ RADIATIVE_HEATING = Effect(
     equation="T = T_bead + kappa E F(5 m/s) / F(v)",
     source="absorbed irradiance over h A, Ranz and Marshall 1952",
     parameters=(Parameter("kelvin_per_w_m2_at_5_m_s", "K m2/W", 0.0, 0.01, (3e-4,)),),
-    apply=_lit,
+    apply=lambda chain, p: _warmed(chain, p["kelvin_per_w_m2_at_5_m_s"] * chain.channel.conditions.irradiance_w_m2),
     words=Words(
         "Light warms the bead by {kelvin_per_w_m2_at_5_m_s} K per W/m2 at 5 m/s.",
         "Shade the bead, or log the irradiance with every run and in flight.",
@@ -133,12 +124,10 @@ def _radiated_to(chain: Chain, p: Arrays) -> Chain:
     weaker = (p["rise_k_at_10_k"] / relative_ventilation(chain.channel))[..., None]
     wall = (p["wall_temperature_c"] + ZERO_CELSIUS_K)[..., None] ** 4
 
-    def radiated(
-        reading: NDArray[np.float64], time: NDArray[np.float64], die_c: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def radiated(reading: Array, time: Array, die_c: Array) -> Array:
         return reading + weaker * (wall - (reading + ZERO_CELSIUS_K) ** 4) / PER_10_K
 
-    return replace(chain, readouts=(*chain.readouts, radiated))
+    return chain.with_readout(radiated)
 
 
 def _airflow_varied(channel: Channel) -> bool:

@@ -26,6 +26,8 @@ from shockrig.analysis.estimate.model import LEAST_TRIGGER_OFFSET_S
 from shockrig.analysis.estimate.without_model import coarser_than_the_sensor, known_to, mostly_repeats
 from shockrig.analysis.physics.chain import Chain
 
+Array = NDArray[np.float64]
+
 # The channel is late by `delay_s`: nothing else changes.
 
 # Standard uncertainties of a trigger that is off alike in all runs: less is no delay of the channel.
@@ -159,7 +161,6 @@ MOVING_AVERAGE = Effect(
 
 # Each reading is repeated for `hold_samples` rows without the stale flag.
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 LONGEST_HOLD = 40

@@ -4,6 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.effect import Effect, InFlight, Needs, Parameter, Values, Words, unchanged
+from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S
+
+Array = NDArray[np.float64]
 
 # Wash, wake or sun in descent: while the carrier sinks, the air around the sensor is warmer or moister by an offset.
 #
@@ -34,16 +37,15 @@ OFFSET_IN_DESCENT = Effect(
 # Where a log has no airspeed, the airflow is how fast the carrier climbs or sinks; `shockrig learn` and a correction
 # take the same. No bench has such an airflow, which is why it is no `self_heating` or `radiative_heating`.
 
-REFERENCE_AIRFLOW_M_S = 5.0
 LEAST_AIRFLOW_M_S = 0.5  # past a sensor that hovers in air that moves: what sinks no faster hovers
 
 
-def airflow_m_s(airspeed_m_s: NDArray[np.float64], climb_m_s: NDArray[np.float64]) -> NDArray[np.float64]:
+def airflow_m_s(airspeed_m_s: Array, climb_m_s: Array) -> Array:
     """Airflow past a sensor (n,): the airspeed that was logged, else how fast it climbs or sinks; never still."""
     return np.maximum(np.where(airspeed_m_s >= 0.0, airspeed_m_s, np.abs(climb_m_s)), LEAST_AIRFLOW_M_S)
 
 
-def warmer_k(rise_k: float, airflow: NDArray[np.float64]) -> NDArray[np.float64]:
+def warmer_k(rise_k: float, airflow: Array) -> Array:
     """How much warmer (n,) than at no heat, of a rise at the reference airflow: heat is carried off as its root."""
     return np.asarray(rise_k * np.sqrt(REFERENCE_AIRFLOW_M_S / airflow))
 
@@ -68,8 +70,6 @@ VENTILATED_WARMTH = Effect(
 # A film that is as warm as the bead beside it reads, some seconds later: how flights of one sensor see it.
 #
 # No bench states it: `shockrig learn` finds it with the film's lag, by the bead's readings alone.
-
-Array = NDArray[np.float64]
 
 
 def _film_c(p: Values, time_s: Array, bead_c: Array) -> Array:

@@ -25,6 +25,8 @@ from shockrig.analysis.estimate.model import air_known_to
 from shockrig.analysis.physics.air_exchange import REFERENCE_C
 from shockrig.analysis.physics.chain import Chain
 
+Array = NDArray[np.float64]
+
 # The film is read at its own temperature: ppmv is turned into RH at the die's temperature (hyt.csv), not the air's.
 
 DIE_THERMAL_LAG = Effect(
@@ -115,13 +117,11 @@ SET_IN_PERCENT = 5.0
 
 
 def _held_back(chain: Chain, p: Arrays) -> Chain:
-    def held_back(
-        reading: NDArray[np.float64], time: NDArray[np.float64], die_c: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def held_back(reading: Array, time: Array, die_c: Array) -> Array:
         change = reading - chain.source_percent[..., None]
         return reading - p["rh_percent"][..., None] * np.tanh(change / SET_IN_PERCENT)
 
-    return replace(chain, readouts=(*chain.readouts, held_back))
+    return chain.with_readout(held_back)
 
 
 HYSTERESIS = Effect(
@@ -146,7 +146,7 @@ HYSTERESIS = Effect(
 
 def _miscalibrated(chain: Chain, p: Arrays) -> Chain:
     gain, offset = p["gain"][..., None], p["offset"][..., None]
-    return replace(chain, readouts=(*chain.readouts, lambda reading, time, die_c: reading * (1 + gain) + offset))
+    return chain.with_readout(lambda reading, time, die_c: reading * (1 + gain) + offset)
 
 
 REFERENCE_SIGMAS = 3.0  # standard uncertainties of the references' own calibration: less may be theirs
@@ -204,7 +204,7 @@ def highest_air_percent(channel: Channel) -> float:
     return max(float(air.source_percent.max()), float(air.destination_percent.max()))
 
 
-def _within_the_airs(channel: Channel, values: Values, bare: Callable[[], NDArray[np.float64]]) -> bool:
+def _within_the_airs(channel: Channel, values: Values, bare: Callable[[], Array]) -> bool:
     """Whether a ceiling cuts no deeper than the airs are known to.
 
     Where plateaus are more alike than the airs that were stated, a limit in their middle makes them so, and half of
@@ -258,9 +258,8 @@ SATURATION_CLIPPING = Effect(
     equation="reading = min(reading, limit)",
     source="a firmware or converter limit",
     parameters=(Parameter("limit_percent", "%RH", 20.0, 130.0, (95.0,), none=None),),
-    apply=lambda chain, p: replace(
-        chain,
-        readouts=(*chain.readouts, lambda reading, time, die_c: np.minimum(reading, p["limit_percent"][..., None])),
+    apply=lambda chain, p: chain.with_readout(
+        lambda reading, time, die_c: np.minimum(reading, p["limit_percent"][..., None])
     ),
     words=Words(
         "The reading stops at {limit_percent} %RH, whatever the air.",

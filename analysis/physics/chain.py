@@ -28,6 +28,11 @@ WARPED_RAMPS = 3.0  # ramps after which one is over on the time axis of a film w
 JUMP_S = 0.05  # this near a jump, five times the trigger's uncertainty, nobody knows on which side of it a sample is
 
 
+# Of readings (B, R, n), the times at which they show the air (B, R, n) [s], and the sensor's own temperature (R, n)
+# [degC]; the result is the readings as they are then.
+ReadingChange = Callable[[Array, Array, Array], Array]
+
+
 @dataclass(frozen=True)
 class MeasuredAir:
     """The air beside the probes as it was measured: (m,) arrays, straight lines between; NaN columns are not known.
@@ -142,8 +147,8 @@ class Chain:
         Whether the film takes up by the relative humidity at its own temperature, and not by the vapour in the air.
     percent_per_k : ndarray (B, 1) or None
         By how much the calibration of RH moves with the sensor's temperature, from 20 degC on.
-    readouts : tuple of functions (reading (B, R, n), time_s (B, R, n), die_c (R, n)) -> reading
-        Applied in order.
+    readouts : tuple of ReadingChange
+        What is done to the readings, in order.
     averaged : int
         Each logged value is the mean of this many readings.
     """
@@ -173,8 +178,12 @@ class Chain:
     at_die_temperature: bool = False
     by_activity: bool = False
     percent_per_k: Array | None = None
-    readouts: tuple[Callable[[Array, Array, Array], Array], ...] = ()
+    readouts: tuple[ReadingChange, ...] = ()
     averaged: int = 1
+
+    def with_readout(self, change: ReadingChange) -> Chain:
+        """The chain with one change more of its readings, after those that it has."""
+        return replace(self, readouts=(*self.readouts, change))
 
 
 def relative_ventilation(channel: Recorded) -> Array:
