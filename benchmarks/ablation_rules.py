@@ -80,10 +80,10 @@ RULES = (
     level("held_out_excess", INF, "an error of twice the noise on unseen runs is a remainder"),
     level("rate_scatter", INF, "rates that scatter by 2.2 % are an effect"),
     level("stated_scatter", 1.0, "stated uncertainties may be exceeded by 1.7"),
-    Rule("hum taken out", "a hum of the plateaus is taken out first", {f"{D}without_hum": lambda c: (c, None)}),
+    Rule("hum taken out", "a hum of the plateaus is taken out first", {f"{D}without_hums": lambda c: (c, ())}),
     Rule("bursts", "bursts are described from the plateaus", {f"{D}bursts": _none}),
     Rule("refuted", "a model that runs held out refute is not stated", {f"{D}refuted": _never}),
-    Rule("predicting", "another model may predict than is stated", {f"{D}_predicting": _stated}),
+    Rule("predicting", "another model may predict than is stated", {"diagnose.predicting.predicting_model": _stated}),
     # What a model is held against before any data, and from when on it is stated.
     level("effect", 1.0, "nats against an effect; instead: AIC"),
     level("form", 0.0, "nats against a form beside an entry"),

@@ -7,150 +7,39 @@ how probable an effect is, the weight of all models that hold it.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shockrig.analysis.characterize.shifts import widened
 from shockrig.analysis.checks.campaign_checks import Checked, checked
 from shockrig.analysis.checks.finding import InputFinding
 from shockrig.analysis.diagnose.adequacy import judge
-from shockrig.analysis.diagnose.candidates import at_bound
-from shockrig.analysis.diagnose.diagnosed import (
-    NO_STEP,
-    Cause,
-    ChannelDiagnosis,
-    Diagnosis,
-    Predicting,
-)
+from shockrig.analysis.diagnose.diagnosed import NO_STEP, ChannelDiagnosis, Diagnosis, Predicting
 from shockrig.analysis.diagnose.experiments import propose, unseen
-from shockrig.analysis.diagnose.gain import (
-    LEAST_SQUARE,
-    Gain,
-    HeldOutPart,
-    as_judged,
-    carried,
-    held_out_parts,
-    measure_gain,
-    run_errors,
-    squares_of_bins,
-)
-from shockrig.analysis.diagnose.grammar import stated
+from shockrig.analysis.diagnose.gain import Gain, HeldOutPart, held_out_parts, measure_gain
+from shockrig.analysis.diagnose.open_questions import cannot_tell, left_open, mostly_unsettled
+from shockrig.analysis.diagnose.predicting import predicting_model
 from shockrig.analysis.diagnose.prepare import Prepared, likelier_average, prepare, with_rounding
 from shockrig.analysis.diagnose.remainder import Tolerance, describe, measure_remainder
 from shockrig.analysis.diagnose.restless import bursts, without_hums
-from shockrig.analysis.diagnose.search import Earlier, Rated, Search, first_look, search
-from shockrig.analysis.diagnose.thresholds import level
+from shockrig.analysis.diagnose.search import Earlier, Search, first_look, search
+from shockrig.analysis.diagnose.stated_effects import causes_in, forms_in, tried_beside
 from shockrig.analysis.diagnose.verdict import Standing, verdict
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.fit import Fit
-from shockrig.analysis.estimate.gather import UNSETTLED, build_channel, usable_runs, why_none
-from shockrig.analysis.estimate.predictive import BUMP_COUNT, as_stated, bumps, no_surer, score
-from shockrig.analysis.estimate.problem import Problem
+from shockrig.analysis.estimate.gather import build_channel, usable_runs, why_none
+from shockrig.analysis.estimate.predictive import as_stated, bumps
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, looked_for
-from shockrig.analysis.estimate.seen import FEW_RUNS
 from shockrig.files.campaign import Campaign
-from shockrig.files.causes import Uncertain
 from shockrig.files.diagnosis import StatedDiagnosis
-from shockrig.files.diagnosis_data import Discovered
 from shockrig.files.errors import InputError
 from shockrig.files.numbers import counted
 
-Array = NDArray[np.float64]
-
-MOST_PREDICTING = 12  # models that are tried beside the stated and the plain one
-# Nats that are not worth more than a bare mention (Kass and Raftery 1995, doi 10.1080/01621459.1995.10476572): models
-# that far apart predict alike.
-AS_GOOD = 1.0
-LEAST_TRIED = 0.01  # weight of a model that is not stated, from which on its effect is said to have been tried
-
-# What a channel's runs cannot tell, whatever is in them: said before anything is fitted.
+Progress = Callable[[str], None]
 
 MOST_IN_PLACE = 3  # models tied with one that runs held out refute, that are tried in its place
-SAME_AIRFLOW = 1.2  # ratio between airflows below which they are one
-
-
-def refuted(gain: Gain, tolerance: float) -> bool:
-    """Whether a model predicts runs held out worse than the plain one, by a size that matters [unit].
-
-    So must the mean over runs of the logarithm of their errors say: with a few runs held out, a single one for which
-    the others had to be extrapolated makes a mean square.
-    """
-    if not gain.after**2 - gain.before**2 > tolerance**2:
-        return False
-    told = np.isfinite(gain.run_before)
-    return bool(np.log(gain.run_after[told]).mean() > np.log(gain.run_before[told]).mean())
-
-
-def left_open(found: Search, final: Fit) -> tuple[str, ...]:
-    """Sentences on what the search and its model leave open."""
-    said = {
-        f"The runs differ in how fast they are by some {final.rate_scatter:.0%}, and nothing that was named says why: "
-        "see that all are of one sensor, in one airflow.": final.rate_scatter > level("rate_scatter"),
-        f"The search ended at its limit of work, after {found.fits} fits: what it had reached by then is judged, and "
-        "more may be there. Diagnose again with --from this diagnosis to go on from there.": found.ended_early,
-    }
-    return tuple(sentence for sentence, holds in said.items() if holds)
-
-
-def mostly_unsettled(channel: Channel) -> tuple[str, ...]:
-    """A sentence where more runs were left out for readings that drift at rest than are judged."""
-    drifting = sum(one.reason.startswith(UNSETTLED) for one in channel.left_out)
-    if drifting <= channel.runs:
-        return ()
-    return (
-        f"In {drifting} of {drifting + channel.runs} runs the {channel.sensor} was not settled before the transfer: "
-        f"what is judged is the other {channel.runs} alone. Where it had time to settle, what moves it at rest is "
-        "unexplained.",
-    )
-
-
-def cannot_tell(channel: Channel) -> tuple[str, ...]:
-    """Sentences, each on one thing that the campaign leaves open and what it would have needed."""
-    c, sensor = channel.conditions, channel.sensor
-    several, step, driven = channel.runs > 1, channel.quantity.step(c), bool(channel.measured.any())
-    alike = c.airflow_m_s.max() < SAME_AIRFLOW * max(c.airflow_m_s.min(), 1e-9)
-    one_airflow = several and c.airflow_known.all() and alike
-    one_way = several and not driven and (np.all(step > 0) or np.all(step < 0))
-    own_unknown = channel.name == "humidity" and not np.isfinite(channel.die_c).any() and not channel.isothermal.all()
-    few, alone = 1 < channel.runs <= FEW_RUNS, several and not has_repeats(channel)
-    lag_unknown = driven and not any(air is not None and air.lag_s > 0.0 for air in channel.air)
-    said = {
-        "One run: nothing can be tried on a run that was not fitted. What is named says how the response goes; what "
-        "makes it go so is not borne out by one run.": not several,
-        f"{counted(channel.runs, 'run')}: only what is plain in each can be told, and uncertainties are wide.": few,
-        "No condition was repeated: how much runs differ by chance is taken from what sensors usually do.": alone,
-        "The start of the transfer was not recorded: it is estimated from the readings, so a delay, a slow transfer "
-        f"and a lag before the {sensor} cannot be told apart. Log the trigger.": not c.start_known.all(),
-        "The airs were not recorded: plateaus are taken for them, so errors of the calibration cannot be seen, nor an "
-        "air that still moves. Log a reference beside the probes.": not c.airs_known.all(),
-        f"The airflow was not recorded: what an exchange with the air does to the {sensor} cannot be told from its own "
-        "body or a housing. Log the airflow, and vary it.": not c.airflow_known.all(),
-        "All runs have one airflow: what depends on it cannot be told from what does not. Vary it.": one_airflow,
-        f"The {sensor}'s own temperature was not recorded: where the temperature changes, its lag and the {sensor}'s "
-        "cannot be told apart. Log it (temperature_c in hyt.csv, die_temperature in a map).": own_unknown,
-        "All steps go one way: what depends on the direction cannot be told from what does not.": one_way,
-        "The air was measured: slow transfers and room air are in the trace, and are not looked for.": driven,
-        "The reference's own lag was not stated: it is taken for none, and the times are those behind what it shows. "
-        f"State {channel.quantity.reference_lag} of the reference (run.json, or the map).": lag_unknown,
-    }
-    return tuple(sentence for sentence, holds in said.items() if holds)
-
-
-def has_repeats(channel: Channel) -> bool:
-    """Whether any two runs had the same airs and airflow, within what chambers reach."""
-    c = channel.conditions
-    flow = np.log(np.maximum(c.airflow_m_s, 0.05)) / 0.2
-    airs = (c.source_c, c.destination_c, c.source_percent / 3.0, c.destination_percent / 3.0)
-    keys = np.round(np.column_stack([*airs, flow]))
-    return np.unique(keys, axis=0).shape[0] < channel.runs
-
-
-Progress = Callable[[str], None]
 SETTLED = ("adequate", "explained")  # verdicts of a model that leaves nothing which another could predict
 PARTED = "another_sensor"  # kind of the input's finding that runs fall into groups
 
@@ -193,9 +82,9 @@ def diagnose_channel(
     sigma = found.best.score.discrepancy
     adequacy, plain_adequacy = (judge(problem, one.fit) for one in (found.best, found.plain))
     remainder = measure_remainder(problem, found.best.fit, ready.noise, adequacy, gain, tolerance, sigma)
-    final = _final(problem, found.best, remainder.significant)
-    causes = _causes(ready, found, final)
-    forms = stated(problem, found, final)
+    # As uncertain as what the model is wrong by, and what it does not carry, make it.
+    final = widened(problem, as_stated(problem, found.best.fit, bumps(problem), sigma, remainder.significant))
+    causes, forms = causes_in(ready, found, final), forms_in(problem, found, final)
     restless = (bursts(problem.channel, ready.noise, remainder.tolerance), *hums)
     shown = (*ready.shown, *(one for one in restless if one is not None))
     parted = [f for f in findings if f.kind == PARTED and f.channel in (None, channel.name)]
@@ -226,7 +115,7 @@ def diagnose_channel(
         noise=ready.noise,
         plain=found.plain.fit,
         final=final,
-        predicting=stands if said in SETTLED else _predicting(ready, found, stands, shown),
+        predicting=stands if said in SETTLED else predicting_model(ready, found, stands, shown),
         untestable=tuple(
             id_ for id_, effect in CATALOGUE.items() if channel.name in effect.channels and not effect.acts_in(channel)
         ),
@@ -237,7 +126,7 @@ def diagnose_channel(
             *(f.sentence for f in parted),
             *unsettled,
         ),
-        tried=_tried(found),
+        tried=tried_beside(found),
         discrepancy=describe(problem, found.best.fit, ready.noise, adequacy, remainder)
         if said == "unexplained"
         else None,
@@ -256,53 +145,16 @@ def _searched(channel: Channel, ready: Prepared, earlier: Earlier | None, descri
     return ready, search(ready.problem, ready.structure, earlier, describing)
 
 
-def _final(problem: Problem, model: Rated, than_runs: bool) -> Fit:
-    """A model's fit as it is stated: as uncertain as what it is wrong by, and what it does not carry, make it."""
-    return widened(problem, as_stated(problem, model.fit, bumps(problem), model.score.discrepancy, than_runs))
+def refuted(gain: Gain, tolerance: float) -> bool:
+    """Whether a model predicts runs held out worse than the plain one, by a size that matters [unit].
 
-
-def _predicting(ready: Prepared, found: Search, stands: Predicting, shown: tuple[Discovered, ...]) -> Predicting:
-    """The model that predicts best: of those that leave least of their runs for what they take, and the stated and the
-    plain one, each fitted as it is judged, the one that then leaves least; the stated one as it stands where runs tell
-    no more of any.
-
-    A name has to be sure, a prediction only good: models whose effects say nothing may predict as well. And no name
-    asks what a run would do that nobody has seen: it has none of the rates that runs have of their own.
+    So must the mean over runs of the logarithm of their errors say: with a few runs held out, a single one for which
+    the others had to be extrapolated makes a mean square.
     """
-    problem, channel = ready.problem, ready.problem.channel
-    first = sorted((one for one, _ in found.predictors), key=lambda one: _criterion(channel, one.fit))
-    models = {id(one): one for one in (found.best, found.plain, *first[:MOST_PREDICTING])}
-    tried = [(one, judged) for one in models.values() if (judged := as_judged(problem, one.fit)) is not None]
-    left = [float(run_errors(channel, problem, judged).mean()) for _, judged in tried]
-    before, least = float(run_errors(channel, problem, found.best.fit).mean()), min(left, default=np.inf)
-    if not _loss(channel, before) - _loss(channel, least) > AS_GOOD:
-        return stands
-    model, judged = tried[left.index(least)]
-    fit = carried(problem, model.fit, judged)
-    bump = bumps(problem)
-    sure = no_surer(problem, fit, bump, score(problem, fit, bump).discrepancy, than_runs=True)
-    final, stated_so = widened(problem, sure), replace(found, best=model)
-    return Predicting(
-        model,
-        final,
-        _causes(ready, stated_so, final),
-        (*stated(problem, stated_so, final), *shown),
-        (float(np.sqrt(before)), float(np.sqrt(least))),
-    )
-
-
-def _loss(channel: Channel, square: float) -> float:
-    """Nats against a model that leaves a mean square of the runs: each counts as as many independent errors of unknown
-    size as a discrepancy has bumps, since what a model is wrong by is no noise: it is there again in the next run."""
-    return 0.5 * BUMP_COUNT * channel.runs * float(np.log(max(square, LEAST_SQUARE)))
-
-
-def _criterion(channel: Channel, found: Fit) -> float:
-    """Schwarz's criterion, halved [nats], of what a fit leaves at its runs' own rates (doi 10.1214/aos/1176344136).
-    Endless for a fit that led to no number."""
-    price = 0.5 * found.theta.size * np.log(BUMP_COUNT * channel.runs)
-    loss = _loss(channel, float(squares_of_bins(channel, found.residual).mean())) + price
-    return float("inf") if np.isnan(loss) else float(loss)
+    if not gain.after**2 - gain.before**2 > tolerance**2:
+        return False
+    told = np.isfinite(gain.run_before)
+    return bool(np.log(gain.run_after[told]).mean() > np.log(gain.run_before[told]).mean())
 
 
 def _borne_out(
@@ -322,47 +174,6 @@ def _borne_out(
             f"{unit}: it is not stated. See that all runs are of one sensor in one airflow, and record more of them.",
         )
     return replace(found, best=one), gain, unborne
-
-
-def _causes(ready: Prepared, found: Search, final: Fit) -> tuple[Cause, ...]:
-    """The effects of the catalogue in the best model: what the readings showed, and what the search found."""
-    shown = {finding.effect: finding for finding in ready.findings}
-    causes, values = [], final.values()
-    tied = [one.ids for one in found.tied()]
-    for effect, own in values.items():
-        if is_described(effect):
-            continue
-        if effect in shown:
-            finding = shown[effect]
-            causes.append(Cause(effect, _uncertain(finding.parameters), 1.0, evidence=finding.evidence))
-            continue
-        instead = dict.fromkeys(
-            new
-            for one, _ in found.instead(effect)
-            if one.ids in tied
-            for new in sorted(one.ids - found.best.ids)
-            if not is_described(new)
-        )
-        without = max((one.value for one in found.pool if effect not in one.ids), default=found.plain.value)
-        ends = at_bound(CATALOGUE[effect], {name: value for name, (value, _) in own.items()})
-        probability = round(found.probability(effect), 4)
-        gained = found.best.value - without
-        causes.append(Cause(effect, _uncertain(own), probability, tuple(instead), ends, nats=gained))
-    return tuple(causes)
-
-
-def _uncertain(values: Mapping[str, tuple[float, float]]) -> dict[str, Uncertain]:
-    return {name: Uncertain(value, spread) for name, (value, spread) in values.items()}
-
-
-def _tried(found: Search) -> dict[str, str]:
-    """Effects that come next to the best model and are not in it, and why not."""
-    said: dict[str, str] = {}
-    for one, weight in zip(found.pool, found.weights, strict=True):
-        more = {id_ for id_ in one.ids - found.best.ids if not is_described(id_)}
-        if one.ids > found.best.ids and len(one.ids) == len(found.best.ids) + 1 and weight > LEAST_TRIED:
-            said |= {e: f"unseen runs bear it out with a probability of {found.probability(e):.2f}" for e in more}
-    return said
 
 
 def enough(channel: Channel) -> bool:

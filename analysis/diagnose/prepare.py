@@ -84,7 +84,7 @@ def prepare(channel: Channel, averaged: int | None = None) -> Prepared:
     if coarser_than_the_sensor(known.channel, known.step) and not any(entry.readout.rounded_to for entry in entries):
         size = EffectSize(known.step, known_to(known.step), known.channel.quantity.unit)
         shown.append(Discovered("offset", "own_response", size=size))
-    stated = tuple(replace(one, probability=1.0, seen_over=seen_over(problem)) for one in shown)
+    stated = tuple(replace(one, probability=1.0, seen_over=seen_over(problem.channel)) for one in shown)
     return Prepared(problem, noise, structure, tuple(findings), known.step, coarsely, stated)
 
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from small_worlds import small_plan
 
-from shockrig.analysis.diagnose import diagnose
 from shockrig.analysis.diagnose import search as searching
+from shockrig.analysis.diagnose.open_questions import left_open
 from shockrig.analysis.diagnose.prepare import prepare
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.files.campaign import read_campaign
@@ -60,9 +60,9 @@ def test_a_search_has_an_end(ready, cold, monkeypatch, limit):
     # One step is made in any case, and one more begins below the limit.
     assert limit <= found.fits < min(limit + 120, cold.fits)
     assert found.weights.sum() == pytest.approx(1.0) and found.best is found.pool[0]
-    (said,) = diagnose.left_open(found, found.best.fit)
+    (said,) = left_open(found, found.best.fit)
     assert f"ended at its limit of work, after {found.fits} fits" in said and "--from" in said
 
 
 def test_a_search_that_ends_by_itself_says_nothing_of_its_limit(cold):
-    assert 0 < cold.fits < searching.MOST_FITS and diagnose.left_open(cold, cold.best.fit) == ()
+    assert 0 < cold.fits < searching.MOST_FITS and left_open(cold, cold.best.fit) == ()

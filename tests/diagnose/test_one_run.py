@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-from importlib import import_module
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from shockrig.analysis.characterize.characterize import characterize
+from shockrig.analysis.diagnose import predicting
 from shockrig.analysis.diagnose.diagnose import diagnose
 from shockrig.analysis.diagnose.extended import extended_result
 from shockrig.analysis.diagnose.gain import plainly, run_errors
@@ -148,12 +148,11 @@ def test_a_run_that_ends_on_its_way_predicts_another_by_its_shape_though_it_name
 
 def test_a_model_that_led_to_no_number_does_not_keep_others_from_predicting(tmp_path, monkeypatch):
     """Before: it was taken for the best, and the stated model in its place."""
-    module = import_module(diagnose.__module__)
 
     def without_number(held, bins, found):
         return run_errors(held, bins, found) * (1.0 if found.structure.ids in ((), ("parallel_lag",)) else np.nan)
 
-    monkeypatch.setattr(module, "run_errors", without_number)
+    monkeypatch.setattr(predicting, "run_errors", without_number)
     assert recorded(tmp_path, 300.0).predicting.model.ids == {"parallel_lag"}
 
 

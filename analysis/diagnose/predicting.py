@@ -1,0 +1,67 @@
+"""Which model predicts, and goes into the profile: the one that is stated, or one that leaves less of the runs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from shockrig.analysis.characterize.shifts import widened
+from shockrig.analysis.diagnose.diagnosed import Predicting
+from shockrig.analysis.diagnose.gain import LEAST_SQUARE, as_judged, carried, run_errors, squares_of_bins
+from shockrig.analysis.diagnose.prepare import Prepared
+from shockrig.analysis.diagnose.search import Search
+from shockrig.analysis.diagnose.stated_effects import causes_in, forms_in
+from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.fit import Fit
+from shockrig.analysis.estimate.predictive import BUMP_COUNT, bumps, no_surer, score
+from shockrig.files.diagnosis_data import Discovered
+
+MOST_PREDICTING = 12  # models that are tried beside the stated and the plain one
+# Nats that are not worth more than a bare mention (Kass and Raftery 1995, doi 10.1080/01621459.1995.10476572): models
+# that far apart predict alike.
+AS_GOOD = 1.0
+
+
+def predicting_model(ready: Prepared, found: Search, stands: Predicting, shown: tuple[Discovered, ...]) -> Predicting:
+    """The model that predicts best: of those that leave least of their runs for what they take, and the stated and the
+    plain one, each fitted as it is judged, the one that then leaves least; the stated one as it stands where runs tell
+    no more of any.
+
+    A name has to be sure, a prediction only good: models whose effects say nothing may predict as well. And no name
+    asks what a run would do that nobody has seen: it has none of the rates that runs have of their own.
+    """
+    problem, channel = ready.problem, ready.problem.channel
+    first = sorted((one for one, _ in found.predictors), key=lambda one: _criterion(channel, one.fit))
+    models = {id(one): one for one in (found.best, found.plain, *first[:MOST_PREDICTING])}
+    tried = [(one, judged) for one in models.values() if (judged := as_judged(problem, one.fit)) is not None]
+    left = [float(run_errors(channel, problem, judged).mean()) for _, judged in tried]
+    before, least = float(run_errors(channel, problem, found.best.fit).mean()), min(left, default=np.inf)
+    if not _loss(channel, before) - _loss(channel, least) > AS_GOOD:
+        return stands
+    model, judged = tried[left.index(least)]
+    fit = carried(problem, model.fit, judged)
+    bump = bumps(problem)
+    sure = no_surer(problem, fit, bump, score(problem, fit, bump).discrepancy, than_runs=True)
+    final, stated_so = widened(problem, sure), replace(found, best=model)
+    return Predicting(
+        model,
+        final,
+        causes_in(ready, stated_so, final),
+        (*forms_in(problem, stated_so, final), *shown),
+        (float(np.sqrt(before)), float(np.sqrt(least))),
+    )
+
+
+def _loss(channel: Channel, square: float) -> float:
+    """Nats against a model that leaves a mean square of the runs: each counts as as many independent errors of unknown
+    size as a discrepancy has bumps, since what a model is wrong by is no noise: it is there again in the next run."""
+    return 0.5 * BUMP_COUNT * channel.runs * float(np.log(max(square, LEAST_SQUARE)))
+
+
+def _criterion(channel: Channel, found: Fit) -> float:
+    """Schwarz's criterion, halved [nats], of what a fit leaves at its runs' own rates (doi 10.1214/aos/1176344136).
+    Endless for a fit that led to no number."""
+    price = 0.5 * found.theta.size * np.log(BUMP_COUNT * channel.runs)
+    loss = _loss(channel, float(squares_of_bins(channel, found.residual).mean())) + price
+    return float("inf") if np.isnan(loss) else float(loss)
