@@ -156,6 +156,16 @@ def _thresholds() -> dict[str, Any]:
     return table
 
 
+def number_of(place: str) -> Any:
+    """The number that stands at a place, as a rule says it."""
+    if place.startswith("level:"):
+        return _thresholds()[place[6:]].value
+    found = _owner(place)
+    if found is None:
+        raise ValueError(f"no number at {place}")
+    return getattr(*found)
+
+
 def there(rule: Rule) -> bool:
     """Whether the code has what a rule replaces."""
     return all(

@@ -119,7 +119,7 @@ def is_right(stated: dict, effect: str, channel: str) -> bool:
 
 def states_it(name: str, effect: str, channel: str) -> bool:
     """Whether a catalogued effect's own equation has the behaviour and the dependence of what was hidden."""
-    from shockrig.analysis.effects.behaviours import LAWS
+    from shockrig.analysis.effects.forms import LAWS
 
     own = [key for key, laws in LAWS.items() if name in [law for law, _ in laws]]
     stated = [

@@ -1,100 +1,212 @@
 """How much the diagnosis hangs on each of its numbers: every one halved and doubled, on the same campaigns.
 
-    python benchmarks/sensitivity.py [--seeds 8] [--first 47000] [--work DIR]
+    python benchmarks/sensitivity.py [--numbers NAME ...] [--kinds NAME ...] [--seeds 8] [--first 47000]
+        [--out FILE.jsonl]
 
-Rough campaigns of the standard plan, a third plain, a third with one effect, a third with two. Per number: how many
-channels are right (all that is hidden named, nothing else, the right verdict) at half its value, as it is, and doubled.
-What is done is kept in the work folder as JSON lines, so that it can be stopped and resumed.
+A number is an entry of the table of thresholds (`level:effect`) or a constant of any module
+(`diagnose.restless.TURN_CELLS`). Campaigns are rough ones of the standard plan:
+
+    hidden   a third plain, a third with one effect, a third with two
+    untimed  the same, the start of no transfer recorded
+    grown    the same, looked at after 6 and 12 runs and at the end, as a planner does
+    hums     half with a hum, some of these with bursts; the plateaus alone are looked at
+
+Per number: how many channels are right (all that is hidden named, nothing else, the right verdict; of hums, the period
+within 1 %), of how many anything else is said than as it is, and the error on unseen runs over that as it is (geometric
+mean). A number at which nothing changes is one to leave out. With --out it can be stopped and resumed.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
+import functools
 import sys
 import tempfile
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from ablation_rules import Rule, number_of, without
+from resumed import scored
 
 from shockrig.analysis.checks.campaign_checks import checked
-from shockrig.analysis.diagnose import thresholds
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
+from shockrig.analysis.diagnose.restless import bursts, without_hums
+from shockrig.analysis.diagnose.thresholds import THRESHOLDS
 from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.noise import estimate_noise
 from shockrig.analysis.estimate.quantity import QUANTITIES
-from shockrig.files.campaign import read_campaign
+from shockrig.analysis.estimate.without_model import rounding_step
+from shockrig.analysis.plan.judged import Verdict, look_at
+from shockrig.files.campaign import Campaign, read_campaign
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.hide import draw_hidden
 from shockrig.rig.virtual.plans import standard_plan
-from shockrig.rig.virtual.truth import draw_truth
+from shockrig.rig.virtual.truth import Hidden, draw_truth
 
-KINDS: tuple[str | int, ...] = ("none", 1, 2)
-FACTORS = (0.5, 2.0)
+Line = dict[str, Any]
+
+HIDDEN: tuple[str | int, ...] = ("none", 1, 2)
+LOOKS = (6, 12, None)  # after how many runs; None: all
+HUM_HZ, HUM_IN_NOISE = (0.03, 3.0), (0.5, 5.0)
+BURST_SHARE = 0.02
+PERIOD_WITHIN = 0.01
+RESTLESS = (
+    "LEAST_P_VALUE", "LEAST_PLATEAU", "LONGEST_S", "PER_WIDTH", "LINE_TURNS", "SEEN_SQUARE", "FINE_FACTOR",
+    "BESIDE_WIDTHS", "AROUND_WIDTHS", "CLIPPED_SIGMAS", "LEFT_OUT_SIGMAS", "BURST_SIGMAS", "A_HANDFUL",
+    "EXPECTED_SHARE", "NEAR_TURN", "FEWEST_TURNS", "TURN_CELLS", "LEAST_READINGS", "FEWEST_PLATEAUS",
+)  # fmt: skip
+NUMBERS_OF = {
+    "hidden": [f"level:{name}" for name in THRESHOLDS],
+    "untimed": ["diagnose.gain.STARTS_TRIED"],
+    "grown": [f"plan.judged.{name}" for name in ("FEWEST_JUDGED", "MORE_RUNS", "FALSE_ALARMS", "MOST_TIED")],
+    "hums": [f"diagnose.restless.{name}" for name in RESTLESS],
+}
+AS_IT_IS = "as it is"
 
 
-def campaign(seed: int, work: Path) -> tuple[Path, dict[str, list[str]]]:
-    """A campaign of a seed, recorded where it is not there yet, and what is hidden in each channel."""
+@functools.cache
+def _folder() -> Path:
+    return Path(tempfile.mkdtemp(prefix="sensitivity"))
+
+
+def campaign(seed: int, hidden: Sequence[Hidden]) -> Campaign:
+    """A campaign of a seed, recorded where it is not there yet."""
     rng = np.random.default_rng(seed)
-    truth = draw_truth(rng, "rough", draw_hidden(rng, KINDS[seed % len(KINDS)]))
-    path = work / str(seed)
+    truth = draw_truth(rng, "rough", hidden)
+    path = _folder() / f"{seed}-{len(hidden)}"
     if not path.exists():
         simulate_campaign(truth, standard_plan(), rng, path)
-    return path, {name: sorted(h.effect for h in truth.effects if name in h.channels) for name in QUANTITIES}
+    return read_campaign(path)
 
 
-def right(seed: int, work: Path) -> tuple[int, int]:
-    """How many channels of a campaign are diagnosed rightly, and how many there are."""
-    path, hidden = campaign(seed, work)
-    input_, good, of = checked(read_campaign(path)), 0, 0
+def _hidden(seed: int) -> tuple[Campaign, dict[str, list[str]]]:
+    """A campaign of a seed, and what is hidden in each channel."""
+    drawn = draw_hidden(np.random.default_rng([seed, 1]), HIDDEN[seed % len(HIDDEN)])
+    return campaign(seed, drawn), {name: sorted(h.effect for h in drawn if name in h.channels) for name in QUANTITIES}
+
+
+def _diagnosed(found: Campaign, hidden: dict[str, list[str]]) -> list[Line]:
+    input_, lines = checked(found), []
     for name in QUANTITIES:
         channel = build_channel(input_.campaign, name)
-        if channel is None:
-            continue
-        found = diagnose_channel(channel, findings=input_.findings)
-        named = sorted(cause.effect for cause in found.causes)
-        verdict = "explained" if hidden[name] else "adequate"
-        good += named == hidden[name] and found.verdict == verdict and not found.discovered
-        of += 1
-    return good, of
+        if channel is not None:
+            one = diagnose_channel(channel, findings=input_.findings)
+            named = sorted(cause.effect for cause in one.causes)
+            right = named == hidden[name] and one.verdict == ("explained" if hidden[name] else "adequate")
+            said = [one.verdict, named, [form.behaves_as for form in one.discovered]]
+            lines.append({"right": right and not one.discovered, "said": said, "error": one.gain.after})
+    return lines
+
+
+def diagnosed(seed: int) -> list[Line]:
+    """What is said of each channel of a campaign."""
+    return _diagnosed(*_hidden(seed))
+
+
+def untimed(seed: int) -> list[Line]:
+    """The same where the start of no transfer was recorded."""
+    found, hidden = _hidden(seed)
+    return _diagnosed(replace(found, runs=tuple(replace(run, start_s=None) for run in found.runs)), hidden)
+
+
+def grown(seed: int) -> list[Line]:
+    """What a planner thinks of each channel in the end, and after how many runs it made its diagnoses."""
+    found, hidden = _hidden(seed)
+    lines = []
+    for name in QUANTITIES:
+        verdict, made = Verdict(), []
+        for runs in LOOKS:
+            part = checked(replace(found, runs=found.runs[:runs])).campaign
+            verdict = look_at(part, name, verdict, final=runs is None).verdict
+            made.append(verdict.runs)
+        right = sorted(verdict.named) == hidden[name] and not verdict.tied
+        lines.append({"right": right, "said": [verdict.verdict, *sorted(verdict.causes), *verdict.tied, made]})
+    return lines
+
+
+def hums(seed: int) -> list[Line]:
+    """What the plateaus of a thermometer's runs show."""
+    rng = np.random.default_rng([seed, 2])
+    hum_hz, size = (float(np.exp(rng.uniform(*np.log(ends)))) for ends in (HUM_HZ, HUM_IN_NOISE))
+    noise = draw_truth(np.random.default_rng(seed), "rough", ()).temperature_noise
+    numbers = {
+        "amplitude": size * float(np.hypot(noise.white, noise.correlated)),
+        "hum_hz": hum_hz,
+        "burst_share": BURST_SHARE if seed % 4 == 0 else 0.0,
+    }
+    hidden = () if seed % 2 else (Hidden("unknown_interference", numbers, ("temperature",)),)
+    channel = build_channel(checked(campaign(seed, hidden)).campaign, "temperature")
+    assert channel is not None
+    quiet, found = without_hums(channel)
+    noise_left = estimate_noise(quiet, rounding_step(quiet) or channel.quantity.resolution)
+    burst = bursts(quiet, noise_left, 0.0)
+    periods = [one.period_s.value for one in found if one.period_s is not None]
+    right = len(periods) == len(hidden) and all(abs(one * hum_hz - 1.0) < PERIOD_WITHIN for one in periods)
+    right = right and (burst is not None) == bool(hidden and numbers["burst_share"])
+    return [{"right": right, "said": [[round(one, 3) for one in periods], burst is not None]}]
+
+
+KINDS: dict[str, Callable[[int], list[Line]]] = {
+    "hidden": diagnosed,
+    "untimed": untimed,
+    "grown": grown,
+    "hums": hums,
+}
+
+
+def changed(name: str, factor: float) -> Rule:
+    """A number times a factor, a whole number as a whole one; as it is for a factor of one."""
+    own = number_of(name)
+    value = max(round(own * factor), 1) if isinstance(own, int) else own * factor
+    return Rule(name, "", {name: value})
+
+
+def row(lines: list[Line], usual: dict[tuple[Any, ...], Line]) -> str:
+    """How many of some lines are right, say something else than usual, and their error over the usual one."""
+    pairs = [(one, usual[one["kind"], one["seed"], one["place"]]) for one in lines]
+    others = sum(one["said"] != then["said"] for one, then in pairs)
+    ratios = [one["error"] / then["error"] for one, then in pairs if one.get("error") and then.get("error")]
+    error = f"{np.exp(np.mean(np.log(ratios))):8.4f}" if ratios else f"{'':8}"
+    return f"{sum(one['right'] for one in lines):>5}/{len(lines):<4}{others:>6} {error}"
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--kinds", nargs="+", default=[*KINDS], choices=[*KINDS])
+    parser.add_argument("--numbers", nargs="+", help="(default: those that have a say in a kind)")
     parser.add_argument("--seeds", type=int, default=8)
     parser.add_argument("--first", type=int, default=47000)
-    parser.add_argument("--work", type=Path, default=Path(tempfile.gettempdir()) / "sensitivity")
+    parser.add_argument("--out", type=Path)
     args = parser.parse_args()
-    args.work.mkdir(parents=True, exist_ok=True)
-    kept = args.work / "done.jsonl"
-    done = {}
-    if kept.exists():
-        lines = map(json.loads, kept.read_text(encoding="utf-8").splitlines())
-        done = {(line["name"], line["factor"], line["seed"]): (line["right"], line["of"]) for line in lines}
+
+    def score(number: str, factor: float, kind: str, seed: int) -> list[Line]:
+        with without(None if number == AS_IT_IS else changed(number, factor)):
+            found = KINDS[kind](seed)
+        named = {"number": number, "factor": factor, "kind": kind, "seed": seed}
+        return [named | {"place": place} | line for place, line in enumerate(found)]
+
     seeds = range(args.first, args.first + args.seeds)
-    original = dict(thresholds.THRESHOLDS)
-
-    def counted(name: str, factor: float) -> str:
-        own = original.get(name)
-        if own is not None:
-            thresholds.THRESHOLDS[name] = replace(own, value=own.value * factor)
-        for seed in seeds:
-            if (name, factor, seed) not in done:
-                done[name, factor, seed] = right(seed, args.work)
-                good, of = done[name, factor, seed]
-                line = {"name": name, "factor": factor, "seed": seed, "right": good, "of": of}
-                with kept.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(line) + "\n")
-                print(name, factor, seed, f"{good} of {of}", file=sys.stderr, flush=True)
-        thresholds.THRESHOLDS.update(original)
-        good, of = (sum(done[name, factor, seed][i] for seed in seeds) for i in (0, 1))
-        return f"{good}/{of}"
-
-    as_is = counted("as it is", 1.0)
-    print(f"seeds {seeds.start} to {seeds.stop - 1}; channels right: halved, as it is, doubled")
-    for name, own in original.items():
-        half, double = (counted(name, factor) for factor in FACTORS)
-        print(f"{name:18} {own.value:10g}  {half:>7} {as_is:>7} {double:>7}  {own.meaning}", flush=True)
+    jobs = [
+        (number, factor, kind, seed)
+        for kind in args.kinds
+        for number in (AS_IT_IS, *(args.numbers or NUMBERS_OF[kind]))
+        for factor in ((1.0,) if number == AS_IT_IS else (0.5, 2.0))
+        for seed in seeds
+    ]
+    lines = scored(args.out, jobs, ("number", "factor", "kind", "seed"), score)
+    lines = [line for line in lines if tuple(line[name] for name in ("number", "factor", "kind", "seed")) in set(jobs)]
+    usual = {(one["kind"], one["seed"], one["place"]): one for one in lines if one["number"] == AS_IT_IS}
+    print(f"seeds {seeds.start} to {seeds.stop - 1}")
+    print(f"{'number':<34}{'value':>10}{'times':>6}{'right':>7}{'':3}{'other':>6} {'error':>8}")
+    for kind in args.kinds:
+        print(kind)
+        for number, factor in dict.fromkeys(job[:2] for job in jobs if job[2] == kind):
+            own = [one for one in lines if (one["kind"], one["number"], one["factor"]) == (kind, number, factor)]
+            value = f"{number_of(number):10g}" if number != AS_IT_IS else f"{'':10}"
+            print(f"{number:<34}{value}{factor:>6g}{row(own, usual)}")
     return 0
 
 

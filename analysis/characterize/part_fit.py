@@ -16,8 +16,8 @@ from shockrig.analysis.characterize.response_times import response_time
 from shockrig.analysis.characterize.result import FAR_DEVIATED, Part, TableRow
 from shockrig.analysis.characterize.shifts import widened
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.behaviours import MEAN
 from shockrig.analysis.effects.described import entry_of, stated_values, with_values
+from shockrig.analysis.effects.forms import MEAN
 from shockrig.analysis.estimate.channel import Channel, LeftOut
 from shockrig.analysis.estimate.fit import Fit, fit, rmse_over_samples
 from shockrig.analysis.estimate.fit_starts import (

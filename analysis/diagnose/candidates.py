@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from shockrig.analysis.diagnose.grammar import SCALING, by_chance, forms, kin, starts_of, varied
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.behaviours import (
+from shockrig.analysis.effects.described import described, is_described
+from shockrig.analysis.effects.forms import (
     Form,
     form_of,
     forms_of,
@@ -24,7 +25,6 @@ from shockrig.analysis.effects.behaviours import (
     is_step,
     laws_of,
 )
-from shockrig.analysis.effects.described import described, is_described
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import Effect
 from shockrig.analysis.estimate.fit import Fit

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.effects.behaviours import (
+from shockrig.analysis.effects.forms import (
     SCALES,
     SCATTER,
     SPREAD,

@@ -12,8 +12,8 @@ from shockrig.analysis.diagnose.refitting import refit
 from shockrig.analysis.diagnose.search import Search
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.behaviours import MEAN
 from shockrig.analysis.effects.described import described, discovered_of
+from shockrig.analysis.effects.forms import MEAN
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.driven_air import with_reference_noise
 from shockrig.analysis.estimate.effect import Effect, Finding, SingleReadings

@@ -28,7 +28,8 @@ from shockrig.analysis.diagnose.candidates import (
 from shockrig.analysis.diagnose.grammar import splits
 from shockrig.analysis.diagnose.refitting import begun_anew, plain_fit, rate_shift, refit
 from shockrig.analysis.diagnose.thresholds import level
-from shockrig.analysis.effects.behaviours import (
+from shockrig.analysis.effects.described import is_described
+from shockrig.analysis.effects.forms import (
     ONLY_BEFORE,
     ONLY_FROM,
     STEP,
@@ -36,7 +37,6 @@ from shockrig.analysis.effects.behaviours import (
     forms_of,
     laws_of,
 )
-from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import Effect, by_name
 from shockrig.analysis.estimate.fit import Fit, fit, go_on

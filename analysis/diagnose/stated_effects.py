@@ -15,8 +15,8 @@ from shockrig.analysis.diagnose.grammar import scaling_factors, seen_over
 from shockrig.analysis.diagnose.prepare import Prepared
 from shockrig.analysis.diagnose.search import Rated, Search
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.behaviours import form_of
 from shockrig.analysis.effects.described import described, discovered_of, is_described
+from shockrig.analysis.effects.forms import form_of
 from shockrig.analysis.estimate.effect import Effect
 from shockrig.analysis.estimate.fit import Fit
 from shockrig.analysis.estimate.model import Model, Point

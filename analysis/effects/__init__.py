@@ -11,8 +11,8 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from shockrig.analysis.effects import air, body, exchange, heat, logger, of_flight, reading
-from shockrig.analysis.effects.behaviours import form_of
 from shockrig.analysis.effects.described import described, is_described
+from shockrig.analysis.effects.forms import form_of
 from shockrig.analysis.estimate.effect import Effect, Parameter
 from shockrig.analysis.estimate.model import Held, Structure
 

@@ -1,348 +1,280 @@
-"""How an effect that nobody listed may behave: closed forms made from data and not from code, and which of them is
-the law of a catalogued effect.
+"""The ways in which a form may behave, each with all that is particular to it: what it does to the chain, its numbers,
+its equation, and what a correction of flights makes of it.
 
-A form is a behaviour, a driver, and what its strength (or its time constant, or the body's rate) depends on; the words
-are those of `discovered` in shock-diagnosis/1. Sizes and numbers of the factors are the parameters.
+A new behaviour is an entry of `BEHAVIOURS`, and a key in the tables of `diagnose/grammar.py`, which say what a campaign
+needs for it to be looked for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from shockrig.analysis.effects.forms import (
+    MEAN,
+    SPREAD,
+    USUAL_C,
+    USUAL_PERCENT,
+    Factor,
+    Form,
+    driver_step,
+    grown,
+    relaxed,
+    scale_of,
+    times_s,
+)
+from shockrig.analysis.effects.jumps import when_it_jumps_s
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.effect import DIFFERS_BY, TINY_STRENGTH
-from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S, Conditions, dew_margin_k
-from shockrig.analysis.physics.chain import Chain, Recorded, RoomAir
+from shockrig.analysis.estimate.effect import SLOWEST_S, Arrays, InFlight, Link, Parameter, Start, Values
+from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S, Conditions
+from shockrig.analysis.physics.chain import Chain, RoomAir
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 
 Array = NDArray[np.float64]
+Parameters = tuple[Parameter, ...]
 
-# When the reading of RH jumps with the air's temperature: where a delay's fit begins, and what it is nudged by.
-#
-# A delay moves that jump, and no fit finds its way over a jump.
-
-SPREAD_S = 0.06  # of the jumps' times from run to run, sampling and trigger together
-NUDGES_S = tuple(0.002 * k for k in range(-15, 16) if k)  # the objective has steps where a sample crosses the jump
-LEAST_CHANGE_K = 3.0  # of the air, for its jump to stand out in the RH read at its temperature
-LEAST_JUMPS = 3
-
-
-def when_it_jumps_s(channel: Channel, share_of_s: NDArray[np.float64] | None = None) -> float | None:
-    """Median time of the steepest rise or fall near the transfer; None where no jump shows, or the runs disagree.
-
-    With `share_of_s`, a time (R,) that each run's delay is proportional to, the share instead.
-    """
-    if not channel.jumps_with_air:
-        return None
-    of = np.ones(channel.runs) if share_of_s is None else share_of_s
-    air, period = channel.conditions, channel.sampling_period_s
-    steepest_s, among = [], []
-    for run in np.flatnonzero((np.abs(air.destination_c - air.source_c) > LEAST_CHANGE_K) & air.start_known):
-        time, value = channel.samples[run]
-        near = np.flatnonzero((time[1:] > -3 * period) & (time[:-1] < 2.0) & (np.diff(time) < 1.5 * period))
-        if near.size > 3:
-            steps = np.abs(np.diff(value))[near]
-            steepest_s.append(0.5 * (time[near] + time[near + 1])[np.argmax(steps)])
-            among.append(of[run])
-    if len(steepest_s) < LEAST_JUMPS:
-        return None
-    late_s, per = np.array(steepest_s), np.maximum(among, 1e-9)
-    middle = float(np.median(late_s / per))
-    return middle if np.median(np.abs(late_s - middle * per)) < SPREAD_S else None
-
-
-# Which forms of the grammar are the law of a catalogued effect: the same closed form by another door.
-
-# (behaviour, driver, what it depends on) -> effects with that law, each with its parameters by the form's. Either
-# quantity of the air is "air" as a driver. A parameter that the form has not is at its value for nothing.
-Law = tuple[str, Mapping[str, str]]
-LAWS: dict[tuple[str, str, tuple[Factor, ...]], tuple[Law, ...]] = {
-    ("delay", "none", ()): (("dead_time", {"delay_s": "size"}),),
-    ("delay", "none", (("history", "linear"),)): (("clock_drift", {"ppm": "size"}),),
-    ("lag_in_series", "air", ()): (("series_lag", {"time_constant_s": "time_constant_s"}),),
-    ("lag_in_series", "air", (("history", "linear"),)): (("finite_transfer", {"duration_s": "time_constant_s"}),),
-    ("parallel_lag", "air", ()): tuple(
-        (effect, {"fraction": "size", "time_constant_s": "time_constant_s"})
-        for effect in ("parallel_lag", "stem_conduction", "slow_relaxation")
-    ),
-    ("gain", "own_response", ()): (("calibration_error", {"gain": "size"}),),
-    ("offset", "none", ()): (("calibration_error", {"offset": "size"}),),
-    ("rate_change", "own_response", (("humidity", "linear"),)): (
-        ("concentration_dependent_diffusivity", {"slope_per_unit_activity": "humidity"}),
-    ),
-    ("added_response", "die_temperature", ()): (("calibration_temperature", {"percent_per_k": "size"}),),
-}
-
-
-def laws_of(form: Form) -> tuple[Law, ...]:
-    """The effects whose law a form is, whether the catalogue at hand holds them or not."""
-    driver = "air" if form.driver in ("air_temperature", "air_humidity") else form.driver
-    return LAWS.get((form.behaves_as, driver, form.depends_on), ())
-
-
-def forms_of(effect: str, driver: str) -> tuple[tuple[Form, Mapping[str, str]], ...]:
-    """The forms that are a catalogued effect's law, of an air of this kind, and the effect's parameters by the form's;
-    of several effects with one law, each has it."""
-    found = []
-    for (behaviour, of, on), laws in LAWS.items():
-        names = next((names for name, names in laws if name == effect), None)
-        if names is not None:
-            found.append((Form(behaviour, driver if of == "air" else of, on), names))
-    return tuple(found)
-
-
-Arrays = Mapping[str, Array]
-Factor = tuple[str, str]  # what it depends on, and how
-
-USUAL_C = 20.0
-USUAL_PERCENT = 50.0
-USUAL_HPA = 1013.25
-USUAL_STEP = {True: 40.0, False: 20.0}  # of a channel that jumps with the air (%RH), and of one that does not (K)
-MOST_LET_IN = 0.95  # share of a room's air
-MIDDLE_RUN = 17  # of a usual campaign, counted from 0
+TIMES_S = (0.3, 1.0, 3.0, 10.0, 30.0)
 A_MINUTE_S = 60.0
+SHORTEST_LAG_S, LEAST_RESISTANCE = 1e-4, 1e-4  # a lag in series, and a resistance before the body, that is none
+MOST_SHARE = 0.95  # of a reading that may follow late
+MOST_LET_IN = 0.95  # share of a room's air
 SLOWEST_SHARE_LOST = 0.95  # of its rate, that a body may lose
-USUAL_MARGIN_K = 10.0  # of dew
-SCALES = frozenset({"power", "exponential", "ratio", "trend"})  # ways in which a condition scales a strength
-SPREAD: Factor = ("history", "spread")  # not one time constant, but several, evenly spread in their logarithm
-SPREAD_OVER = np.linspace(-1.0, 1.0, 7)  # times the factor's number: logarithms of the time constants over their middle
-SCATTER: Factor = (DIFFERS_BY, "scatter")  # stronger in one run than in another, by chance
-LEAST_STEP = 0.1  # share of a usual step
 PPM = 1e-6  # of the time that a run has lasted, by which a delay grows
+LATER_S = (-0.02, -0.01, 0.01, 0.02)  # by which a transfer is later where fits begin beside the one found
+GROWS: Factor = ("history", "linear")  # with the time that a run has lasted
 
 
 @dataclass(frozen=True)
-class Form:
-    """A behaviour with its driver and what it depends on: (factor, how) pairs, at most two."""
+class Behaviour:
+    """One way to behave.
 
-    behaves_as: str
-    driver: str
-    depends_on: tuple[Factor, ...] = ()
-
-    @property
-    def key(self) -> str:
-        """The form as one word, from which `form_of` makes it again."""
-        return "|".join([self.behaves_as, self.driver, *(f"{factor}:{how}" for factor, how in self.depends_on)])
-
-    @property
-    def factors(self) -> tuple[str, ...]:
-        """What it depends on."""
-        return tuple(factor for factor, _ in self.depends_on)
-
-    @property
-    def more(self) -> tuple[Factor, ...]:
-        """What it depends on beyond its behaviour: conditions that scale its strength, chance, several time
-        constants."""
-        return tuple(on for on in self.depends_on if on[1] in SCALES or on in (SPREAD, SCATTER))
-
-    def with_factor(self, factor: str, how: str) -> Form:
-        """The same, depending on one factor more; the order in which factors come does not make another form."""
-        return replace(self, depends_on=tuple(sorted((*self.depends_on, (factor, how)))))
-
-
-# A mean of the last readings, as the noise shows it: a whole number of them, which no fit moves.
-MEAN = Form("lag_in_series", "own_response", (("history", "linear"),))
-
-
-def form_of(key: str) -> Form:
-    """The form that a key stands for.
-
-    Raises
-    ------
-    ValueError
-        The key is that of no form.
+    Attributes
+    ----------
+    link : str
+        Of the chain, that it changes.
+    acts : (form, chain, {name: ndarray (B, 1)}) -> chain
+    parameters : (form, the channel's unit) -> tuple of Parameter
+        Its own, without those of what its strength depends on.
+    equation : (form, words for what its strength depends on) -> str
+    flown : form -> InFlight or None
+        None for what is the bench's.
+    start : (form, the channel's unit) -> Start
     """
-    parts = key.split("|")
-    if len(parts) < 2:
-        raise ValueError(f"{key!r} is no form of behaviour")
-    pairs = [tuple(part.split(":")) for part in parts[2:]]
-    if any(len(pair) != 2 for pair in pairs):
-        raise ValueError(f"{key!r} is no form of behaviour")
-    return Form(parts[0], parts[1], tuple((factor, how) for factor, how in pairs))
+
+    link: Link
+    acts: Callable[[Form, Chain, Arrays], Chain]
+    parameters: Callable[[Form, str], Parameters]
+    equation: Callable[[Form, str], str]
+    flown: Callable[[Form], InFlight | None]
+    start: Callable[[Form, str], Start] = lambda form, unit: Start()
 
 
-STEP = "from_run_"  # a dependence on run order: from that run on, counted from 0, another value
+def _time_constant(begins: tuple[float, ...] = TIMES_S) -> Parameter:
+    return Parameter("time_constant_s", "s", 0.01, SLOWEST_S, begins, log=True, none=None)
 
 
-ONLY_FROM, ONLY_BEFORE = f"only_{STEP}", "only_before_run_"  # likewise: what is there in a group of runs alone
-SHORTEST_LAG_S, LEAST_RESISTANCE = 1e-4, 1e-4  # a lag in series, and a resistance before the body, that is none
+def _within(most: float, unit: str, begin: float | None = None) -> Parameter:
+    """A size of either sign."""
+    return Parameter("size", unit, -most, most, (2e-3 * most if begin is None else begin,))
 
 
-def is_step(how: str) -> bool:
-    """Whether a dependence on run order is a change at one run."""
-    return how.startswith(STEP)
+def _per_driver(form: Form, unit: str) -> str:
+    """Unit of what a driver is multiplied by to be added to a channel of this unit."""
+    of = {"air_temperature": "K", "die_temperature": "K", "air_humidity": "%RH", "own_response": unit}.get(form.driver)
+    return unit if of is None else "1" if of == unit else f"{unit}/{of}"
 
 
-def is_group(how: str) -> bool:
-    """Whether a dependence on run order is being there in a group of runs alone."""
-    return how.startswith((ONLY_FROM, ONLY_BEFORE))
+def _driver_in_words(form: Form) -> str:
+    x = {"air_temperature": "T_air", "air_humidity": "H_air", "die_temperature": "T_die", "own_response": "reading"}
+    return x.get(form.driver, "1")
 
 
-def _in_group(how: str, order: Array) -> NDArray[np.bool_]:
-    """Which runs (R,) belong to the group in which something is there alone."""
-    late = np.asarray(order >= int(how.rpartition("_")[2]))
-    return late if how.startswith(ONLY_FROM) else ~late
-
-
-def differs_in(form: Form) -> str:
-    """The parameter that a condition scales: a strength, or a time constant; empty for the body's own rate."""
-    if form.behaves_as == "lag_in_series" and form.driver != "airflow":
-        return "time_constant_s"
-    return "" if form.behaves_as == "rate_change" and ("history", "linear") not in form.depends_on else "size"
-
-
-def scaling(factor: str, how: str, conditions: Conditions, jumps: bool, value: Array) -> Array:
-    """By what a strength is multiplied in each run (B, R) for values (B, 1) of a factor's number."""
-    c = conditions
-    if how == "power":
-        of = {
-            "airflow": np.maximum(c.airflow_m_s, 0.05) / REFERENCE_AIRFLOW_M_S,
-            "step": np.maximum(np.abs(own_step(c, jumps)) / USUAL_STEP[jumps], LEAST_STEP),
-            "pressure": c.pressure_hpa / USUAL_HPA,
-        }[factor]
-        return np.asarray(of**value)
-    if how == "exponential":
-        exponent = {
-            "ambient": c.destination_c - USUAL_C,
-            "humidity": 0.5 * (c.source_percent + c.destination_percent) / 100.0 - 0.5,
-        }[factor]
-        return np.asarray(np.exp(value * exponent))
-    if is_step(how):
-        return np.asarray(np.where(c.order >= int(how.removeprefix(STEP)), value, 1.0))
-    if how == "ratio":  # falling to rising
-        return np.asarray(np.where(own_step(c, jumps) < 0, value, 1.0))
-    raise ValueError(f"a strength that depends on {factor} as {how!r} is no form of behaviour")
-
-
-def run_of_strength(form: Form) -> int:
-    """The run, counted from 0, that the strength of a form is stated for where it moves from run to run: of a rate, and
-    so of alpha or D, the first, and else one in the middle, as what grows from nothing has no share to grow by."""
-    return 0 if form.behaves_as == "rate_change" else MIDDLE_RUN
-
-
-def own_step(conditions: Conditions, jumps: bool) -> Array:
-    """Signed change of the air's own quantity in each run (R,)."""
-    c = conditions
-    return c.destination_percent - c.source_percent if jumps else c.destination_c - c.source_c
-
-
-def _scale(form: Form, chain: Chain, p: Arrays) -> Array:
-    """Product of all factors that scale (B, R), and by what share of the usual strength each run differs by chance.
-
-    That share is added and not multiplied: what conditions do is then no surer or weaker in a run for its own chance.
-    """
-    out, by_chance = np.ones((1, chain.channel.conditions.airflow_m_s.size)), np.zeros((1, 1))
-    for factor, how in form.depends_on:
-        if how == "trend":
-            out = out * (1.0 + p[factor] * (chain.channel.conditions.order - run_of_strength(form)))
-        elif how in SCALES or is_step(how):
-            out = out * scaling(factor, how, chain.channel.conditions, chain.channel.jumps_with_air, p[factor])
-        elif is_group(how):
-            out = out * _in_group(how, chain.channel.conditions.order)
-        elif (factor, how) == SCATTER:
-            usual = p[differs_in(form)] if differs_in(form) else np.ones((1, 1))
-            by_chance = chain.by_chance / np.where(np.abs(usual) > TINY_STRENGTH, usual, TINY_STRENGTH)
-        elif how == "dew_margin":
-            out = out * dew_margin_k(chain.channel.conditions) / USUAL_MARGIN_K
-    return np.asarray(out + by_chance)
-
-
-def _driver_step(form: Form, channel: Recorded) -> tuple[Array, Array]:
-    """What a driver is before and after the transfer (R,), from its usual value."""
-    c = channel.conditions
-    if form.driver == "air_temperature":
-        return c.source_c - USUAL_C, c.destination_c - USUAL_C
-    if form.driver == "air_humidity":
-        return c.source_percent - USUAL_PERCENT, c.destination_percent - USUAL_PERCENT
-    return np.zeros(c.source_c.shape), np.ones(c.source_c.shape)
-
-
-def times_s(form: Form, p: Mapping[str, ArrayLike]) -> Array:
-    """Time constants of a form (..., J) [s], of equal shares, for parameters (...)."""
-    spread = np.multiply.outer(p[SPREAD[0]], SPREAD_OVER) if SPREAD in form.depends_on else np.zeros(1)
-    return np.asarray(np.asarray(p["time_constant_s"])[..., None] * np.exp(spread))
-
-
-def _relaxed(time: Array, each_s: Array) -> Array:
-    """Mean over time constants (B, R, J) of exp(-t / time constant) after the transfer, 0 before it."""
-    since = np.maximum(time, 0.0)
-    each = [np.exp(-since / each_s[..., j, None]) for j in range(each_s.shape[-1])]
-    return np.where(time > 0, sum(each) / len(each), 0.0)
+def _per_hour(form: Form) -> str:
+    return "/h" if "time_of_campaign" in form.factors else ""
 
 
 def _readout(chain: Chain, added: Callable[[Array, Array], Array]) -> Chain:
     return chain.with_readout(lambda reading, time, die_c: reading + added(reading, time))
 
 
+# In a flight what can be undone is, what cannot is left and said to be. A flight knows its airspeed, and the
+# temperature at which the sensor is; a direction, a step or a run it has not.
+
+LEFT = InFlight(left=True)
+BY_AIRFLOW, BY_AMBIENT = ("airflow", "power"), ("ambient", "exponential")
+
+
+def _knows(form: Form, *factors: Factor) -> bool:
+    return set(form.depends_on) <= set(factors)
+
+
+def _along(form: Form, p: Values, airspeed: Array, temperature_c: Array) -> Array:
+    """By what a strength is multiplied along a flight (n,)."""
+    out = np.ones(airspeed.shape)
+    for factor in form.depends_on:
+        if factor == BY_AIRFLOW:
+            out = out * (np.maximum(airspeed, 0.05) / REFERENCE_AIRFLOW_M_S) ** p["airflow"]
+        elif factor == BY_AMBIENT:
+            out = out * np.exp(p["ambient"] * (temperature_c - USUAL_C))
+    return out
+
+
+def _sized(form: Form, p: Values, airspeed: Array) -> Array:
+    """A size (n,) along a flight that depends on nothing but the airspeed."""
+    return p["size"] * _along(form, p, airspeed, np.full(1, USUAL_C))
+
+
+# A lag before the body, or a resistance to the exchange with the air; evenly, a slow transfer or a mean of readings.
+
+
 def _lag_in_series(form: Form, chain: Chain, p: Arrays) -> Chain:
     if form.driver == "airflow":  # the exchange with the air holds it back: size is its resistance over the body's own
-        return replace(chain, biot=1.0 / np.maximum(p["size"] * _scale(form, chain, p), LEAST_RESISTANCE))
+        return replace(chain, biot=1.0 / np.maximum(p["size"] * scale_of(form, chain, p), LEAST_RESISTANCE))
     if form == MEAN:
         over_s = float(p["time_constant_s"].flat[0])  # the same for every candidate
         return replace(chain, averaged=max(round(over_s / chain.channel.reading_period_s), 1))
-    if ("history", "linear") in form.depends_on:  # evenly, and over after that time
+    if GROWS in form.depends_on:  # evenly, and over after that time
         air = chain.channel.conditions
         ramp_s = np.where(np.isfinite(air.ramp_own_s), air.ramp_own_s, p["time_constant_s"] * air.ramp_ratio)
         return replace(chain, ramp_s=ramp_s)
-    lag_s = np.maximum(p["time_constant_s"] * _scale(form, chain, p), SHORTEST_LAG_S)
+    lag_s = np.maximum(p["time_constant_s"] * scale_of(form, chain, p), SHORTEST_LAG_S)
     return replace(chain, series=(*chain.series, lag_s))
 
 
+def _lag_in_series_parameters(form: Form, unit: str) -> Parameters:
+    if form.driver == "airflow":
+        return (Parameter("size", "1", 0.01, 200.0, (0.05, 0.3, 3.0), log=True, none=None),)
+    return (_time_constant((0.03, 0.1, *TIMES_S)),)
+
+
+def _lag_in_series_equation(form: Form, depends: str) -> str:
+    if form.driver == "airflow":
+        return f"flux into the body = (air - surface) / (size{depends}), size in units of the body's own resistance"
+    if form == MEAN:
+        return "reading = mean of the readings over the last time_constant"
+    if GROWS in form.depends_on:
+        return "air(t) = source + (destination - source) min(t / time_constant, 1)"
+    return f"time_constant{depends} dx/dt = air - x, and the body follows x"
+
+
+def _lag_in_series_flown(form: Form) -> InFlight:
+    if form == MEAN:
+        return InFlight(delay_s=lambda p, period_s: 0.5 * max(p["time_constant_s"] - period_s, 0.0))
+    if form.driver == "airflow" and _knows(form, BY_AIRFLOW):
+        return InFlight(biot=lambda p, stream, length: 1.0 / _sized(form, p, stream.airflow_m_s))
+    if form.driver == "airflow" or not _knows(form, BY_AIRFLOW, BY_AMBIENT):
+        return LEFT
+    along = partial(_along, form) if form.depends_on else None
+    return InFlight(series_s=lambda p: p["time_constant_s"], series_along=along)
+
+
+# A share of the response that follows late beside the body.
+
+
 def _parallel_lag(form: Form, chain: Chain, p: Arrays) -> Chain:
-    scale = _scale(form, chain, p)
-    share = np.clip(p["size"] * scale, -0.95, 0.95)
+    scale = scale_of(form, chain, p)
+    share = np.clip(p["size"] * scale, -MOST_SHARE, MOST_SHARE)
     each_s = times_s(form, p)
     return replace(chain, lags=(*chain.lags, (share, np.broadcast_to(each_s, (*share.shape, each_s.shape[-1])))))
+
+
+def _parallel_lag_flown(form: Form) -> InFlight:
+    return InFlight(lag=lambda p: (p["size"], *times_s(form, p).tolist())) if _knows(form, SPREAD) else LEFT
+
+
+# A body whose rate changes.
 
 
 def _rate_change(form: Form, chain: Chain, p: Arrays) -> Chain:
     if ("humidity", "linear") in form.depends_on:  # moves with what the body itself holds, all along a run
         chain = replace(chain, activity_slope=p["humidity"])
-    if ("history", "linear") in form.depends_on:  # faster, or slower, the longer the run has lasted
-        more = (p["size"] * _scale(form, chain, p))[..., None] / A_MINUTE_S
+    if GROWS in form.depends_on:  # faster, or slower, the longer the run has lasted
+        more = (p["size"] * scale_of(form, chain, p))[..., None] / A_MINUTE_S
         since = np.maximum(chain.time_s, 0.0)
         moving = np.minimum(since, SLOWEST_SHARE_LOST / np.maximum(-more, 1e-12))  # it never comes to a stand
         lasted = moving + 0.5 * more * moving**2 + (1.0 + more * moving) * (since - moving)
         return replace(chain, time_s=np.where(chain.time_s > 0, lasted, chain.time_s))
-    return replace(chain, rate=chain.rate * np.maximum(_scale(form, chain, p), 1.0 - SLOWEST_SHARE_LOST))
+    return replace(chain, rate=chain.rate * np.maximum(scale_of(form, chain, p), 1.0 - SLOWEST_SHARE_LOST))
+
+
+def _rate_change_parameters(form: Form, unit: str) -> Parameters:
+    return (Parameter("size", "1/min", -3.0, 10.0, (0.1, -0.1)),) if GROWS in form.depends_on else ()
+
+
+def _rate_change_flown(form: Form) -> InFlight:
+    return InFlight(rate=partial(_along, form)) if _knows(form, BY_AIRFLOW, BY_AMBIENT) else LEFT
+
+
+# A reading, or the vapour alone, that comes late.
 
 
 def late_by(form: Form, conditions: Conditions) -> Array:
     """By what the size of a delay is multiplied at the transfer of each run (R,)."""
-    return PPM * conditions.start_s if ("history", "linear") in form.depends_on else _grown(form, conditions)
-
-
-def _grown(form: Form, conditions: Conditions) -> Array:
-    """By what a size is multiplied in each run (R,): it may grow from run to run, or with the hours of a campaign."""
-    if ("time_of_campaign", "linear") in form.depends_on:
-        return np.nan_to_num(conditions.hours)
-    return conditions.order if ("run_order", "linear") in form.depends_on else np.ones(conditions.order.shape)
+    return PPM * conditions.start_s if GROWS in form.depends_on else grown(form, conditions)
 
 
 def _delay(form: Form, chain: Chain, p: Arrays) -> Chain:
-    if ("history", "linear") in form.depends_on:  # counted from a run's first reading
+    if GROWS in form.depends_on:  # counted from a run's first reading
         since_s = np.maximum(chain.time_s + chain.channel.conditions.start_s[:, None], 0.0)
         return replace(chain, time_s=chain.time_s - PPM * p["size"][..., None] * since_s)
-    late_s = p["size"] * late_by(form, chain.channel.conditions) * _scale(form, chain, p)
+    late_s = p["size"] * late_by(form, chain.channel.conditions) * scale_of(form, chain, p)
     if form.driver == "air_humidity":  # the vapour alone: the film is read at its own temperature meanwhile
         return replace(chain, vapour_late_s=late_s)
     return replace(chain, time_s=chain.time_s - late_s[..., None])
 
 
+def _delay_parameters(form: Form, unit: str) -> Parameters:
+    if "history" in form.factors:
+        return (Parameter("size", "1e-6", -200000.0, 200000.0, (3000.0, 12000.0, -6000.0), weakest=500.0),)
+    if "linear" in dict(form.depends_on).values():
+        return (Parameter("size", f"s{_per_hour(form)}", -10.0, 10.0, (0.003, 0.01, -0.005), weakest=0.001),)
+    starts = (0.05, 0.3) if form.driver == "none" else (0.05, 0.3, 0.6, 1.0, 1.6, 3.0)
+    return (Parameter("size", "s", -0.5, 10.0, starts, weakest=0.01),)
+
+
+def _delay_equation(form: Form, depends: str) -> str:
+    if form.driver == "air_humidity":
+        return f"vapour at the film(t) = vapour in the air(t - size{depends})"
+    return f"reading(t) = true(t - size{depends})"
+
+
+def _delay_flown(form: Form) -> InFlight | None:
+    if "history" in form.factors:
+        return None  # a clock's
+    constant = form.driver == "none" and not form.depends_on
+    return InFlight(delay_s=lambda p, period_s: max(p["size"], 0.0)) if constant else LEFT
+
+
+def _delay_start(form: Form, unit: str) -> Start:
+    if form.driver != "none" or unit != "%RH":
+        return Start()
+
+    def from_the_jumps(channel: Channel) -> dict[str, float]:
+        late = when_it_jumps_s(channel, late_by(form, channel.conditions))
+        return {} if late is None else {"size": late}
+
+    def nudges(channel: Channel) -> list[dict[str, float]]:
+        usual = float(np.nanmean(late_by(form, channel.conditions)))
+        return [{"size": late_s / usual} for late_s in LATER_S] if usual > 0 else []
+
+    return Start(from_data=from_the_jumps, nudges=nudges)
+
+
+# Something leaks in, proportional to a driver, with its own time constant.
+
+
 def _added_response(form: Form, chain: Chain, p: Arrays) -> Chain:
-    """Something leaks in, proportional to a driver, with its own time constant."""
-    if ("ambient", "zero_at") in form.depends_on:  # air of another state comes in with the probes and goes
+    if of_a_room(form):
         humid = p.get("humidity", np.full_like(p["ambient"], USUAL_PERCENT))
-        share = np.clip(p["size"] * _scale(form, chain, p), 0.0, MOST_LET_IN)
+        share = np.clip(p["size"] * scale_of(form, chain, p), 0.0, MOST_LET_IN)
         each = np.moveaxis(times_s(form, p), -1, 0)
         rooms = (RoomAir(share / len(each), one_s, p["ambient"], humid) for one_s in each)
         return replace(chain, rooms=(*chain.rooms, *rooms))
-    size = (p["size"] * _scale(form, chain, p))[..., None]
+    size = (p["size"] * scale_of(form, chain, p))[..., None]
     if form.driver == "die_temperature":
 
         def with_die(reading: Array, time: Array, die_c: Array) -> Array:
@@ -357,13 +289,29 @@ def _added_response(form: Form, chain: Chain, p: Arrays) -> Chain:
         if creeps:
             since = np.maximum(time, 0.0) / each_s
             return np.log1p(since) if kinetics == "logarithmic" else since
-        return np.where(time > 0, 1.0 - _relaxed(time, each_s), 0.0)
+        return np.where(time > 0, 1.0 - relaxed(time, each_s), 0.0)
 
     if form.driver == "own_response":  # what the reading shows creeps
         return _readout(chain, lambda reading, time: size * reading * come_in(time))
-    before, after = (x[:, None] for x in _driver_step(form, chain.channel))
+    before, after = (x[:, None] for x in driver_step(form, chain.channel))
     lasting = 0.0 if creeps else before  # what creeps all along has no level that it began from
     return _readout(chain, lambda reading, time: size * (lasting + (after - before) * come_in(time)))
+
+
+def of_a_room(form: Form) -> bool:
+    """Whether it is air of another state that comes in with the probes and goes."""
+    return form.behaves_as == "added_response" and ("ambient", "zero_at") in form.depends_on
+
+
+def _added_response_parameters(form: Form, unit: str) -> Parameters:
+    most = {"air_temperature": 5.0, "die_temperature": 5.0, "air_humidity": 1.0, "own_response": 0.5}
+    size = _within(most.get(form.driver, 30.0), _per_driver(form, unit))
+    if of_a_room(form):
+        size = Parameter("size", "1", 0.001, 0.6, (0.03,), percent=True)
+    return (size,) if form.driver == "die_temperature" or GROWS in form.depends_on else (size, _time_constant())
+
+
+# Proportional to a driver's rate of change.
 
 
 def _added_rate(form: Form, chain: Chain, p: Arrays) -> Chain:
@@ -371,49 +319,101 @@ def _added_rate(form: Form, chain: Chain, p: Arrays) -> Chain:
 
     Without a driver it is what the transfer itself does, and dies away.
     """
-    size, each_s = p["size"] * _scale(form, chain, p), times_s(form, p)
+    size, each_s = p["size"] * scale_of(form, chain, p), times_s(form, p)
     if form.driver == "own_response":
         echoed_s = np.broadcast_to(each_s, (*size.shape, each_s.shape[-1]))
         # What is added is at most about the whole of a response: more is learnt only where hardly anything moves.
         most = p["time_constant_s"] + 1.0 / chain.rate
         return replace(chain, echoes=(*chain.echoes, (-np.clip(size, -most, most) / p["time_constant_s"], echoed_s)))
-    before, after = _driver_step(form, chain.channel)
+    before, after = driver_step(form, chain.channel)
     step = size * (after - before) / (1.0 if form.driver == "none" else p["time_constant_s"])
-    return _readout(chain, lambda reading, time: step[..., None] * _relaxed(time, each_s))
+    return _readout(chain, lambda reading, time: step[..., None] * relaxed(time, each_s))
+
+
+def _added_rate_parameters(form: Form, unit: str) -> Parameters:
+    most = {"own_response": 60.0, "none": 60.0}.get(form.driver, 200.0)
+    share = _per_driver(form, unit)
+    per_rate = unit if form.driver == "none" else "s" if share == "1" else share.replace("/", " s/")
+    begins = (0.2, 1.0, 5.0) if form.driver == "own_response" else TIMES_S
+    return _within(most, per_rate), _time_constant(begins)
+
+
+def _added_rate_flown(form: Form) -> InFlight | None:
+    pulse = form.driver == "none" and ("humidity", "dew_margin") not in form.depends_on
+    return None if pulse else LEFT
+
+
+# A calibration line: its gain, which may move with a temperature or with what is read, and its offset.
+
+
+def _air_and_own_c(chain: Chain, time: Array, die_c: Array) -> tuple[Array, Array]:
+    """Temperatures (B, R, n) of the air, and of the sensor itself where it is known."""
+    air = np.where(time > 0, chain.destination_c[..., None], chain.source_c[..., None])
+    return air, np.where(np.isfinite(die_c), die_c, air)
 
 
 def _gain(form: Form, chain: Chain, p: Arrays) -> Chain:
     if form.driver == "die_temperature":  # as the saturation pressure moves from the air's temperature to the die's
-        size = (p["size"] * _scale(form, chain, p))[..., None]
+        size = (p["size"] * scale_of(form, chain, p))[..., None]
 
         def of_die(reading: Array, time: Array, die_c: Array) -> Array:
-            air = np.where(time > 0, chain.destination_c[..., None], chain.source_c[..., None])
-            die = np.where(np.isfinite(die_c), die_c, air)
-            return np.asarray(reading * (saturation_pressure_hpa(die) / saturation_pressure_hpa(air)) ** size)
+            air, own = _air_and_own_c(chain, time, die_c)
+            return np.asarray(reading * (saturation_pressure_hpa(own) / saturation_pressure_hpa(air)) ** size)
 
         return chain.with_readout(of_die)
-    own, middle = ("humidity", USUAL_PERCENT) if chain.channel.jumps_with_air else ("ambient", USUAL_C)
-    if form == Form("gain", "own_response", ((own, "linear"),)):  # one that moves with what is read: a bent line
+    read, middle = ("humidity", USUAL_PERCENT) if chain.channel.jumps_with_air else ("ambient", USUAL_C)
+    if form == Form("gain", "own_response", ((read, "linear"),)):  # one that moves with what is read: a bent line
         slope = p["size"][..., None]
         return _readout(chain, lambda reading, time: slope * reading * (reading - middle))
     if ("ambient", "linear") in form.depends_on:  # a gain that moves with the sensor's own temperature
         slope = p["size"][..., None]
 
         def with_temperature(reading: Array, time: Array, die_c: Array) -> Array:
-            air = np.where(time > 0, chain.destination_c[..., None], chain.source_c[..., None])
-            return np.asarray(reading * (1.0 + slope * (np.where(np.isfinite(die_c), die_c, air) - USUAL_C)))
+            return np.asarray(reading * (1.0 + slope * (_air_and_own_c(chain, time, die_c)[1] - USUAL_C)))
 
         return chain.with_readout(with_temperature)
     if ("humidity", "above") in form.depends_on:  # from a level on: minus one is a ceiling, hard, and less a soft one
         share, above = p["size"][..., None], p["humidity"][..., None]
         return _readout(chain, lambda reading, time: share * np.maximum(reading - above, 0.0))
     zero = p["ambient"][..., None] if ("ambient", "zero_at") in form.depends_on else 0.0
-    size = (p["size"] * _grown(form, chain.channel.conditions) * _scale(form, chain, p))[..., None]
+    size = (p["size"] * grown(form, chain.channel.conditions) * scale_of(form, chain, p))[..., None]
     return _readout(chain, lambda reading, time: size * (reading - zero))
 
 
+def _gain_parameters(form: Form, unit: str) -> Parameters:
+    if ("humidity", "above") in form.depends_on:  # of minus one is a ceiling
+        return (_within(1.5, "1", begin=-0.5),)
+    for factor, of in (("ambient", "K"), ("humidity", "%RH")):
+        if (factor, "linear") in form.depends_on:
+            return (_within(0.02, f"1/{of}", begin=0.0005),)
+    most = 3.0 if form.driver == "die_temperature" else 0.3
+    return (_within(most, f"1{_per_hour(form)}", begin=0.02 * most),)
+
+
+def _gain_equation(form: Form, depends: str) -> str:
+    if ("humidity", "above") in form.depends_on:
+        return "reading + size max(reading - humidity, 0)"
+    if ("ambient", "linear") in form.depends_on:
+        return "reading (1 + size (T - 20 degC))"
+    if ("humidity", "linear") in form.depends_on:
+        return "reading (1 + size (reading - 50 %RH))"
+    return f"reading (1 + size{depends})"
+
+
+def _gain_flown(form: Form) -> InFlight:
+    if form.depends_on == (("ambient", "zero_at"),):
+        return InFlight(undo=lambda p, y, stream, length: (y + p["size"] * p["ambient"]) / (1 + p["size"]))
+    if form.depends_on == (("ambient", "linear"),):
+        return InFlight(undo=lambda p, y, stream, length: y / (1.0 + p["size"] * (stream.temperature_c - USUAL_C)))
+    if form.driver == "die_temperature" and not form.depends_on:
+        return InFlight(at_die=True, die_share=lambda p: -p["size"])
+    if form.driver == "own_response" and _knows(form, BY_AIRFLOW):
+        return InFlight(undo=lambda p, y, stream, length: y / (1.0 + _sized(form, p, stream.airflow_m_s)))
+    return LEFT
+
+
 def _offset(form: Form, chain: Chain, p: Arrays) -> Chain:
-    size = (p["size"] * _grown(form, chain.channel.conditions) * _scale(form, chain, p))[..., None]
+    size = (p["size"] * grown(form, chain.channel.conditions) * scale_of(form, chain, p))[..., None]
     if ("direction", "sign") not in form.depends_on:
         return _readout(chain, lambda reading, time: np.broadcast_to(size, np.broadcast_shapes(size.shape, time.shape)))
     first = (chain.source_percent if chain.channel.jumps_with_air else chain.source_c)[..., None]
@@ -421,41 +421,85 @@ def _offset(form: Form, chain: Chain, p: Arrays) -> Chain:
     return _readout(chain, lambda reading, time: size * np.tanh((reading - first) / width))
 
 
+def _offset_parameters(form: Form, unit: str) -> Parameters:
+    return (_within(30.0, f"{unit}{_per_hour(form)}", begin=0.3 if unit == "%RH" else 0.05),)
+
+
+def _offset_flown(form: Form) -> InFlight:
+    if not _knows(form, BY_AIRFLOW):
+        return LEFT
+    return InFlight(undo=lambda p, y, stream, length: y - _sized(form, p, stream.airflow_m_s))
+
+
+# A swing that begins with the transfer; driven by the step of the air it dies away.
+
+
 def _periodic(form: Form, chain: Chain, p: Arrays) -> Chain:
-    """A swing that begins with the transfer; driven by the step of the air it dies away."""
-    before, after = _driver_step(form, chain.channel)
-    size = (p["size"] * (after - before) * _scale(form, chain, p))[..., None]
+    before, after = driver_step(form, chain.channel)
+    size = (p["size"] * (after - before) * scale_of(form, chain, p))[..., None]
     turn, phase = 2.0 * np.pi / p["period_s"][..., None], p["phase_rad"][..., None]
     decay = p.get("time_constant_s")
 
     def swing(reading: Array, time: Array) -> Array:
-        alive = (time > 0) if decay is None else _relaxed(time, decay[..., None])
+        alive = (time > 0) if decay is None else relaxed(time, decay[..., None])
         return np.asarray(size * alive * np.sin(turn * np.maximum(time, 0.0) + phase))
 
     return _readout(chain, swing)
 
 
-_BEHAVIOURS: dict[str, Callable[[Form, Chain, Arrays], Chain]] = {
-    "lag_in_series": _lag_in_series,
-    "parallel_lag": _parallel_lag,
-    "added_response": _added_response,
-    "added_rate": _added_rate,
-    "gain": _gain,
-    "offset": _offset,
-    "rate_change": _rate_change,
-    "delay": _delay,
-    "periodic": _periodic,
+def _periodic_parameters(form: Form, unit: str) -> Parameters:
+    driven = form.driver != "none"
+    swing = (
+        _within(1.0 if driven else 20.0, _per_driver(form, unit)),
+        Parameter("period_s", "s", 0.5, 300.0, (10.0,), log=True, none=None),
+        Parameter("phase_rad", "1", -10.0, 10.0, (0.0, 1.5708), none=None),
+    )
+    dies_away = Parameter("time_constant_s", "s", 0.5, 300.0, (5.0,), log=True, none=None)
+    return (*swing, dies_away) if driven else swing
+
+
+BEHAVIOURS = {
+    "lag_in_series": Behaviour(
+        "exchange", _lag_in_series, _lag_in_series_parameters, _lag_in_series_equation, _lag_in_series_flown
+    ),
+    "parallel_lag": Behaviour(
+        "body",
+        _parallel_lag,
+        lambda form, unit: (Parameter("size", "1", -0.9, 0.9, (0.03,), percent=True), _time_constant()),
+        lambda form, depends: f"reading = (1 - size{depends}) body + size{depends} (1 - exp(-t / time_constant))",
+        _parallel_lag_flown,
+    ),
+    "rate_change": Behaviour(
+        "body",
+        _rate_change,
+        _rate_change_parameters,
+        lambda form, depends: f"rate (1 + size{depends} t)" if "history" in form.factors else f"rate{depends}",
+        _rate_change_flown,
+    ),
+    "delay": Behaviour("logger", _delay, _delay_parameters, _delay_equation, _delay_flown, _delay_start),
+    "added_response": Behaviour(
+        "readout",
+        _added_response,
+        _added_response_parameters,
+        lambda form, depends: f"reading + size{depends} {_driver_in_words(form)} behind a lag of time_constant",
+        lambda form: None if of_a_room(form) else LEFT,
+    ),
+    "added_rate": Behaviour(
+        "readout",
+        _added_rate,
+        _added_rate_parameters,
+        lambda form, depends: f"reading + size{depends} d{_driver_in_words(form)}/dt behind a lag of time_constant",
+        _added_rate_flown,
+    ),
+    "gain": Behaviour("readout", _gain, _gain_parameters, _gain_equation, _gain_flown),
+    "offset": Behaviour(
+        "readout", _offset, _offset_parameters, lambda form, depends: f"reading + size{depends}", _offset_flown
+    ),
+    "periodic": Behaviour(
+        "air",
+        _periodic,
+        _periodic_parameters,
+        lambda form, depends: f"reading + size{depends} sin(2 pi t / period + phase)",
+        lambda form: None,
+    ),
 }
-
-
-def acting(form: Form) -> Callable[[Chain, Arrays], Chain]:
-    """What a form does to a chain.
-
-    Raises
-    ------
-    ValueError
-        Nothing behaves so.
-    """
-    if form.behaves_as not in _BEHAVIOURS:
-        raise ValueError(f"{form.behaves_as!r} is no behaviour that can be computed")
-    return partial(_BEHAVIOURS[form.behaves_as], form)

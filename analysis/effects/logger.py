@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.effects.behaviours import NUDGES_S, when_it_jumps_s
+from shockrig.analysis.effects.jumps import NUDGES_S, when_it_jumps_s
 from shockrig.analysis.estimate.channel import Channel, rebin
 from shockrig.analysis.estimate.effect import (
     Arrays,

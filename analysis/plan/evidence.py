@@ -25,8 +25,8 @@ from shockrig.analysis.diagnose.diagnosed import Explanation
 from shockrig.analysis.diagnose.experiments import imagined, rates_known
 from shockrig.analysis.diagnose.shock import PlannedShock
 from shockrig.analysis.effects import in_channel
-from shockrig.analysis.effects.behaviours import form_of
 from shockrig.analysis.effects.described import is_described
+from shockrig.analysis.effects.forms import form_of
 from shockrig.analysis.estimate.fit import Fit, apart, fit, linearise
 from shockrig.analysis.estimate.fit_starts import rough_point
 from shockrig.analysis.estimate.model import Model, Point, Structure

@@ -9,8 +9,8 @@ from typing import Any
 from shockrig.analysis.diagnose.diagnosed import Cause, ChannelDiagnosis, Diagnosis
 from shockrig.analysis.diagnose.gain import Gain
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.behaviours import ONLY_FROM, SCATTER, SPREAD, form_of, is_group, is_step
 from shockrig.analysis.effects.described import entry_of, is_described, of_readings, rounded
+from shockrig.analysis.effects.forms import ONLY_FROM, SCATTER, SPREAD, form_of, is_group, is_step
 from shockrig.analysis.estimate.effect import Parameter
 from shockrig.analysis.estimate.quantity import QUANTITIES
 from shockrig.analysis.estimate.seen import seen

@@ -18,8 +18,8 @@ from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.diagnose.remainder import Tolerance
 from shockrig.analysis.diagnose.search import Race, search
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.behaviours import ONLY_BEFORE, ONLY_FROM, SCATTER, SPREAD, Form, form_of
 from shockrig.analysis.effects.described import described, discovered_of, entry_of, is_described, stated_values
+from shockrig.analysis.effects.forms import ONLY_BEFORE, ONLY_FROM, SCATTER, SPREAD, Form, form_of
 from shockrig.analysis.estimate.effect import SLOWEST_S
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure

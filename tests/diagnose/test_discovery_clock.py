@@ -7,8 +7,8 @@ from small_worlds import record
 
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.remainder import Tolerance
-from shockrig.analysis.effects.behaviours import when_it_jumps_s
 from shockrig.analysis.effects.described import described, discovered_of
+from shockrig.analysis.effects.jumps import when_it_jumps_s
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import Model, Point, Structure
 from shockrig.analysis.report.diagnosis_words import flies, sentence

@@ -18,8 +18,8 @@ from shockrig.analysis.diagnose.remainder import Tolerance
 from shockrig.analysis.diagnose.restless import without_hums
 from shockrig.analysis.diagnose.search import Race, Search, search
 from shockrig.analysis.effects import CATALOGUE
-from shockrig.analysis.effects.behaviours import LAWS, MEAN, Form, laws_of
 from shockrig.analysis.effects.described import as_listed, described, discovered_of, entry_of
+from shockrig.analysis.effects.forms import LAWS, MEAN, Form, laws_of
 from shockrig.analysis.estimate.channel import rebin
 from shockrig.analysis.estimate.effect import SingleReadings
 from shockrig.analysis.estimate.fit import fit
