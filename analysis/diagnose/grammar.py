@@ -16,7 +16,6 @@ from shockrig.analysis.effects.forms import (
     Factor,
     Form,
     form_of,
-    own_step,
 )
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import Effect
@@ -82,7 +81,7 @@ ALONE = {
 def varied(channel: Channel) -> set[str]:
     """Factors that the channel's runs vary, and that are known of all of them."""
     c = channel.conditions
-    step = own_step(c, channel.jumps_with_air)
+    step = channel.quantity.air_step(c)
     real = np.abs(step) >= channel.quantity.least_step
     sizes = np.abs(step[real]) if real.any() else np.ones(1)
     level = 0.5 * (c.source_percent + c.destination_percent)

@@ -1,6 +1,7 @@
-"""Every number that the diagnosis rests on and that cannot be derived, in one table, with what it means.
+"""The numbers on which it hangs what a diagnosis says, and that cannot be derived, in one table, with what they mean.
 
-`benchmarks/sensitivity.py` halves and doubles each of them in turn and prints what becomes of verdicts.
+`benchmarks/sensitivity.py` halves and doubles each of them in turn, as it does constants of any module, and prints what
+becomes of verdicts.
 """
 
 from __future__ import annotations

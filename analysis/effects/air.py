@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import (
     SLOWEST_S,
-    Arrays,
     Candidacy,
     Effect,
     Needs,
@@ -19,7 +18,7 @@ from shockrig.analysis.estimate.effect import (
     Words,
 )
 from shockrig.analysis.estimate.without_model import FEWEST_RUNS, as_fast_as_seen
-from shockrig.analysis.physics.chain import Chain, Recorded, RoomAir
+from shockrig.analysis.physics.chain import Recorded, RoomAir
 
 Array = NDArray[np.float64]
 
@@ -27,11 +26,6 @@ Array = NDArray[np.float64]
 #
 # Where all runs state a measured duration, each run's ramp is in proportion to its own and `duration_s` is the median
 # run's; those that were slowed on purpose, or alone state one, have just that duration, in the plain model too.
-
-
-def _ramp(chain: Chain, p: Arrays) -> Array:
-    air = chain.channel.conditions
-    return np.where(np.isfinite(air.ramp_own_s), air.ramp_own_s, p["duration_s"] * air.ramp_ratio)
 
 
 def _triggered(channel: Channel) -> bool:
@@ -45,7 +39,7 @@ FINITE_TRANSFER = Effect(
     equation="air(t) = source + (destination - source) min(t / duration, 1)",
     source="ramp response: integral of the step response over the duration",
     parameters=(Parameter("duration_s", "s", 0.02, 8.0, (0.06, 0.3, 1.0)),),
-    apply=lambda chain, p: replace(chain, ramp_s=_ramp(chain, p)),
+    apply=lambda chain, p: replace(chain, ramp_s=chain.channel.conditions.ramps_s(p["duration_s"])),
     words=Words(
         "The air does not change in an instant: the transfer takes {duration_s} s.",
         "Move the probes faster, or log both ends of the transfer so that its duration is known.",

@@ -138,9 +138,7 @@ def _lag_in_series(form: Form, chain: Chain, p: Arrays) -> Chain:
         over_s = float(p["time_constant_s"].flat[0])  # the same for every candidate
         return replace(chain, averaged=max(round(over_s / chain.channel.reading_period_s), 1))
     if GROWS in form.depends_on:  # evenly, and over after that time
-        air = chain.channel.conditions
-        ramp_s = np.where(np.isfinite(air.ramp_own_s), air.ramp_own_s, p["time_constant_s"] * air.ramp_ratio)
-        return replace(chain, ramp_s=ramp_s)
+        return replace(chain, ramp_s=chain.channel.conditions.ramps_s(p["time_constant_s"]))
     lag_s = np.maximum(p["time_constant_s"] * scale_of(form, chain, p), SHORTEST_LAG_S)
     return replace(chain, series=(*chain.series, lag_s))
 

@@ -153,7 +153,7 @@ def scaling(factor: str, how: str, conditions: Conditions, jumps: bool, value: A
     if how == "power":
         of = {
             "airflow": np.maximum(c.airflow_m_s, 0.05) / REFERENCE_AIRFLOW_M_S,
-            "step": np.maximum(np.abs(own_step(c, jumps)) / USUAL_STEP[jumps], LEAST_STEP),
+            "step": np.maximum(np.abs(_own_step(c, jumps)) / USUAL_STEP[jumps], LEAST_STEP),
             "pressure": c.pressure_hpa / USUAL_HPA,
         }[factor]
         return np.asarray(of**value)
@@ -166,7 +166,7 @@ def scaling(factor: str, how: str, conditions: Conditions, jumps: bool, value: A
     if is_step(how):
         return np.asarray(np.where(c.order >= int(how.removeprefix(STEP)), value, 1.0))
     if how == "ratio":  # falling to rising
-        return np.asarray(np.where(own_step(c, jumps) < 0, value, 1.0))
+        return np.asarray(np.where(_own_step(c, jumps) < 0, value, 1.0))
     raise ValueError(f"a strength that depends on {factor} as {how!r} is no form of behaviour")
 
 
@@ -176,10 +176,10 @@ def run_of_strength(form: Form) -> int:
     return 0 if form.behaves_as == "rate_change" else MIDDLE_RUN
 
 
-def own_step(conditions: Conditions, jumps: bool) -> Array:
+def _own_step(conditions: Conditions, jumps: bool) -> Array:
     """Signed change of the air's own quantity in each run (R,)."""
     c = conditions
-    return c.destination_percent - c.source_percent if jumps else c.destination_c - c.source_c
+    return c.destination_percent - c.source_percent if jumps else c.thermal_step_k
 
 
 def scale_of(form: Form, chain: Chain, p: Arrays) -> Array:

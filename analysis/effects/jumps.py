@@ -26,7 +26,7 @@ def when_it_jumps_s(channel: Channel, share_of_s: NDArray[np.float64] | None = N
     of = np.ones(channel.runs) if share_of_s is None else share_of_s
     air, period = channel.conditions, channel.sampling_period_s
     steepest_s, among = [], []
-    for run in np.flatnonzero((np.abs(air.destination_c - air.source_c) > LEAST_CHANGE_K) & air.start_known):
+    for run in np.flatnonzero((np.abs(air.thermal_step_k) > LEAST_CHANGE_K) & air.start_known):
         time, value = channel.samples[run]
         near = np.flatnonzero((time[1:] > -3 * period) & (time[:-1] < 2.0) & (np.diff(time) < 1.5 * period))
         if near.size > 3:

@@ -44,8 +44,7 @@ DIE_THERMAL_LAG = Effect(
     needs=Needs(
         "needs runs whose temperature changes, and the die's own temperature in hyt.csv",
         lambda channel: bool(
-            np.isfinite(channel.die_c).any()
-            and (np.abs(channel.conditions.destination_c - channel.conditions.source_c) > 1.0).any()
+            np.isfinite(channel.die_c).any() and (np.abs(channel.conditions.thermal_step_k) > 1.0).any()
         ),
     ),
     start=Start(own_rates=True),

@@ -61,6 +61,10 @@ class Conditions:
         """Change of the air's temperature in each run (R,) [K]."""
         return self.destination_c - self.source_c
 
+    def ramps_s(self, usual_s: Array) -> Array:
+        """How long each run's air takes to change (B, R) [s], where that of a usual run takes `usual_s` (B, 1)."""
+        return np.where(np.isfinite(self.ramp_own_s), self.ramp_own_s, usual_s * self.ramp_ratio)
+
 
 Array = NDArray[np.float64]
 
