@@ -104,7 +104,7 @@ def decide(
         Of the sensors' type: what is known of them before any run, where they belong to it.
     progress : function of a sentence, optional
     """
-    before = with_due(campaigns, before or Decision("", ""), due)
+    before = with_due(campaigns, before or Decision(), due)
     _demand_sensors(goals, campaigns)
     usual = usual_of(next(iter(campaigns), None), goals, surroundings)
     campaigns = tuple(checked(one).campaign for one in campaigns)
@@ -126,7 +126,15 @@ def decide(
             found, fleets, wanted = _known(campaigns, verdicts, goals, population, progress)
     chased, new = before.chased, set(recorded) - set(before.recorded)
     gained = sum(gained_by(new, own, [t for t in wanted if t.probe == p]) for p, own in found.items()) if new else None
-    state = Decision("", "", recorded, spent, tuple(wanted), verdicts, (), (), chased, unvaried, gained)
+    state = Decision(
+        recorded=recorded,
+        minutes_spent=spent,
+        targets=tuple(wanted),
+        verdicts=verdicts,
+        chased=chased,
+        unvaried=unvaried,
+        gained=gained,
+    )
     designs = Designs.of(found, looks, wanted, goals, usual, feasible, next(iter(runs), None), population, fleets)
     if not unvaried and not (goals.ties and first) and (ended := ended_by(state, goals, looks)):
         return replace(state, status=ended[0], reason=ended[1])

@@ -27,7 +27,7 @@ class Decision:
     Attributes
     ----------
     status : str
-        "continue", "done" or "inconclusive".
+        "continue", "done" or "inconclusive"; empty where nothing is decided yet.
     reason : str
         Why it stops or goes on.
     recorded : tuple of str
@@ -47,8 +47,8 @@ class Decision:
         What the runs since the last decision brought to the rates that goals want [nats]; None where there are none.
     """
 
-    status: str
-    reason: str
+    status: str = ""
+    reason: str = ""
     recorded: tuple[str, ...] = ()
     minutes_spent: float = 0.0
     targets: tuple[Target, ...] = ()

@@ -5,6 +5,7 @@ out.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -196,7 +197,8 @@ def _taken(found: ChannelOutcome, before: Verdict, final: bool, ready: Prepared)
     over = () if before.dispute is None else (before.dispute,)
     newly = (e for dispute in over for e in dispute.explanations if e not in dispute.standing)
     out = tuple(dict.fromkeys((*before.out, *(tuple(sorted(e)) for e in newly))))
-    look, settled = before.looks + 1, (*before.settled, *over)
+    look = before.looks + 1
+    concluded = partial(Verdict, runs=len(found.runs), out=out, looks=look, settled=(*before.settled, *over))
     kept: dict[tuple[str, ...], Explanation] = {}
     for one in _possible(found, look):
         ids = tuple(sorted(one))
@@ -204,9 +206,9 @@ def _taken(found: ChannelOutcome, before: Verdict, final: bool, ready: Prepared)
             kept.setdefault(ids, one)
     # What stood before and is not out stands where all that the diagnosis thinks of is out.
     survivors = [one for one in before.standing or (before.causes,) if tuple(sorted(one)) not in out]
-    runs, explanations = len(found.runs), tuple(kept.values() or survivors)
+    explanations = tuple(kept.values() or survivors)
     if not explanations:
-        return Verdict("unexplained", runs, found.stated, None, out, look, settled, as_at_the_end)
+        return concluded("unexplained", causes=found.stated, final=as_at_the_end)
     if tuple(sorted(found.stated)) in out:
         # What this look does not think best, new runs have borne out: what is left is judged of the model they leave.
         if judge(ready.problem, fitted(ready.problem, explanations[0], ready.structure)).passed:
@@ -215,7 +217,7 @@ def _taken(found: ChannelOutcome, before: Verdict, final: bool, ready: Prepared)
             verdict = "unexplained"
     nothing_yet = (0.0,) * len(explanations)
     dispute = Dispute(explanations, found.runs, nothing_yet) if len(explanations) > 1 else None
-    return Verdict(verdict, runs, explanations[0], dispute, out, look, settled, as_at_the_end)
+    return concluded(verdict, causes=explanations[0], dispute=dispute, final=as_at_the_end)
 
 
 def _possible(found: ChannelOutcome, look: int) -> list[Explanation]:
