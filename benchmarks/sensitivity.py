@@ -7,9 +7,11 @@ A number is an entry of the table of thresholds (`level:effect`) or a constant o
 (`diagnose.restless.TURN_CELLS`). Campaigns are rough ones of the standard plan:
 
     hidden   a third plain, a third with one effect, a third with two
-    untimed  the same, the start of no transfer recorded
-    grown    the same, looked at after 6 and 12 runs and at the end, as a planner does
-    hums     half with a hum, some of these with bursts; the plateaus alone are looked at
+    logger   with a mean, repeats or coarse steps of the logger in one channel, which is looked at
+    untimed  as hidden, the start of no transfer recorded
+    grown    as hidden, looked at after 6 and 12 runs and at the end, as a planner does
+    hums     half with a hum of 0.03 to 1 of the noise, some of these with bursts; a quarter with air that walks at
+             random; the plateaus alone are looked at
 
 Per number: how many channels are right (all that is hidden named, nothing else, the right verdict; of hums, the period
 within 1 %), of how many anything else is said than as it is, and the error on unseen runs over that as it is (geometric
@@ -35,6 +37,7 @@ from shockrig.analysis.checks.campaign_checks import checked
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.restless import bursts, without_hums
 from shockrig.analysis.diagnose.thresholds import THRESHOLDS
+from shockrig.analysis.estimate.channel import rebin
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.noise import estimate_noise
 from shockrig.analysis.estimate.quantity import QUANTITIES
@@ -42,15 +45,17 @@ from shockrig.analysis.estimate.without_model import rounding_step
 from shockrig.analysis.plan.judged import Verdict, look_at
 from shockrig.files.campaign import Campaign, read_campaign
 from shockrig.rig.virtual.batch import simulate_campaign
-from shockrig.rig.virtual.hide import draw_hidden
+from shockrig.rig.virtual.hide import draw_effect, draw_hidden
 from shockrig.rig.virtual.plans import standard_plan
 from shockrig.rig.virtual.truth import Hidden, draw_truth
 
 Line = dict[str, Any]
 
 HIDDEN: tuple[str | int, ...] = ("none", 1, 2)
+OF_LOGGER = ("moving_average", "quantization", "stale_samples")
 LOOKS = (6, 12, None)  # after how many runs; None: all
-HUM_HZ, HUM_IN_NOISE = (0.03, 3.0), (0.5, 5.0)
+HUM_HZ, HUM_IN_NOISE = (0.03, 3.0), (0.03, 1.0)
+WALK_IN_NOISE = 0.3  # a reading, of a walk at random
 BURST_SHARE = 0.02
 PERIOD_WITHIN = 0.01
 RESTLESS = (
@@ -58,8 +63,10 @@ RESTLESS = (
     "BESIDE_WIDTHS", "AROUND_WIDTHS", "CLIPPED_SIGMAS", "LEFT_OUT_SIGMAS", "BURST_SIGMAS", "A_HANDFUL",
     "EXPECTED_SHARE", "NEAR_TURN", "FEWEST_TURNS", "TURN_CELLS", "LEAST_READINGS", "FEWEST_PLATEAUS",
 )  # fmt: skip
+MEANS = [f"level:{name}" for name in ("average_gain", "average_unlikely", "hidden_noise", "not_gaussian")]
 NUMBERS_OF = {
     "hidden": [f"level:{name}" for name in THRESHOLDS],
+    "logger": MEANS,
     "untimed": ["diagnose.gain.STARTS_TRIED"],
     "grown": [f"plan.judged.{name}" for name in ("FEWEST_JUDGED", "MORE_RUNS", "FALSE_ALARMS", "MOST_TIED")],
     "hums": [f"diagnose.restless.{name}" for name in RESTLESS],
@@ -76,7 +83,7 @@ def campaign(seed: int, hidden: Sequence[Hidden]) -> Campaign:
     """A campaign of a seed, recorded where it is not there yet."""
     rng = np.random.default_rng(seed)
     truth = draw_truth(rng, "rough", hidden)
-    path = _folder() / f"{seed}-{len(hidden)}"
+    path = _folder() / "-".join([str(seed), *(one.effect for one in hidden)])
     if not path.exists():
         simulate_campaign(truth, standard_plan(), rng, path)
     return read_campaign(path)
@@ -90,7 +97,7 @@ def _hidden(seed: int) -> tuple[Campaign, dict[str, list[str]]]:
 
 def _diagnosed(found: Campaign, hidden: dict[str, list[str]]) -> list[Line]:
     input_, lines = checked(found), []
-    for name in QUANTITIES:
+    for name in hidden:
         channel = build_channel(input_.campaign, name)
         if channel is not None:
             one = diagnose_channel(channel, findings=input_.findings)
@@ -104,6 +111,14 @@ def _diagnosed(found: Campaign, hidden: dict[str, list[str]]) -> list[Line]:
 def diagnosed(seed: int) -> list[Line]:
     """What is said of each channel of a campaign."""
     return _diagnosed(*_hidden(seed))
+
+
+def of_logger(seed: int) -> list[Line]:
+    """What is said of a channel beside which a logger does something to its readings."""
+    rng = np.random.default_rng([seed, 3])
+    name = str(rng.choice([*QUANTITIES]))
+    one = draw_effect(rng, OF_LOGGER[seed % len(OF_LOGGER)], "comfortable", name)
+    return _diagnosed(campaign(seed, [one]), {name: [one.effect]})
 
 
 def untimed(seed: int) -> list[Line]:
@@ -132,14 +147,19 @@ def hums(seed: int) -> list[Line]:
     rng = np.random.default_rng([seed, 2])
     hum_hz, size = (float(np.exp(rng.uniform(*np.log(ends)))) for ends in (HUM_HZ, HUM_IN_NOISE))
     noise = draw_truth(np.random.default_rng(seed), "rough", ()).temperature_noise
+    spread = float(np.hypot(noise.white, noise.correlated))
     numbers = {
-        "amplitude": size * float(np.hypot(noise.white, noise.correlated)),
+        "amplitude": size * spread,
         "hum_hz": hum_hz,
         "burst_share": BURST_SHARE if seed % 4 == 0 else 0.0,
     }
     hidden = () if seed % 2 else (Hidden("unknown_interference", numbers, ("temperature",)),)
     channel = build_channel(checked(campaign(seed, hidden)).campaign, "temperature")
     assert channel is not None
+    if seed % 4 == 3:
+        walks = [WALK_IN_NOISE * spread * np.cumsum(rng.standard_normal(time.size)) for time, _ in channel.samples]
+        samples = [(time, value + walk) for (time, value), walk in zip(channel.samples, walks, strict=True)]
+        channel = rebin(channel, samples, channel.bin_of, channel.die_samples, 1)
     quiet, found = without_hums(channel)
     noise_left = estimate_noise(quiet, rounding_step(quiet) or channel.quantity.resolution)
     burst = bursts(quiet, noise_left, 0.0)
@@ -151,6 +171,7 @@ def hums(seed: int) -> list[Line]:
 
 KINDS: dict[str, Callable[[int], list[Line]]] = {
     "hidden": diagnosed,
+    "logger": of_logger,
     "untimed": untimed,
     "grown": grown,
     "hums": hums,

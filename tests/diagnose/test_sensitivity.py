@@ -1,0 +1,28 @@
+"""The numbers of the diagnosis that are halved and doubled."""
+
+import pytest
+from benchmark_scripts import benchmark
+
+
+def test_every_number_whose_sensitivity_is_counted_is_there_and_is_itself_again_afterwards():
+    sensitivity, rules = benchmark("sensitivity"), benchmark("ablation_rules")
+    assert sensitivity.NUMBERS_OF.keys() == sensitivity.KINDS.keys()
+    for name in (name for names in sensitivity.NUMBERS_OF.values() for name in names):
+        own = rules.number_of(name)
+        with rules.without(sensitivity.changed(name, 2.0)):
+            assert rules.number_of(name) == pytest.approx(2.0 * own), name
+        assert rules.number_of(name) == own
+
+
+def test_a_number_that_is_not_there_is_said_to_be_so():
+    with pytest.raises(ValueError, match="no number at diagnose.restless.NOTHING"):
+        benchmark("ablation_rules").number_of("diagnose.restless.NOTHING")
+
+
+def test_a_hum_is_seen_as_it_is_and_not_where_it_takes_more_plateaus_than_there_are(tmp_path, monkeypatch):
+    sensitivity, rules = benchmark("sensitivity"), benchmark("ablation_rules")
+    monkeypatch.setattr(sensitivity, "_folder", lambda: tmp_path)
+    (usual,) = sensitivity.hums(48002)
+    with rules.without(sensitivity.changed("diagnose.restless.FEWEST_PLATEAUS", 100.0)):
+        (other,) = sensitivity.hums(48002)
+    assert usual["right"] and usual["said"][0] and other["said"][0] == [] and not other["right"]
