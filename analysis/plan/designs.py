@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import permutations
@@ -114,42 +114,21 @@ class Designs:
     ) -> Designs:
         """The menu for what is wanted, as far as anything is known to design by; `found` of each probe, `fleets` of
         those whose type's population is known."""
-        known = [(probe, name, r) for probe, one in found.items() if one for name, r in one.channels().items()]
         shocks = menu_of(found, looks, goals, usual, allowed)
         again = None if first is None else shock_of(first)
         anchor = None
         if again is not None and allowed(again):
             anchor = len(shocks)
             shocks += (replace(again, why="the first run once more: does anything drift?"),)
-        precise, pairs, needed = [], [], []
-        for probe, name, result in known if shocks else ():
-            own = [t for t in wanted if (t.channel, t.probe) == (name, probe)]
-            if not own:
-                continue
-            part = result.parts[0]
-            info = information(part.problem, part.fit, result.noise, shocks, goals.ambients_c)
-            plain = not part.fit.structure.effects and not QUANTITIES[name].pooled
-            used = np.array([s.isothermal or not plain for s in shocks])
-            info = replace(info, added=info.added * used[:, None, None])
-            if population is not None and probe in fleets and fleets[probe].belongs(name):
-                info = replace(info, known=info.known + _beforehand(info, population, name))
-            places = [0 if t.ambient_c is None else int(np.argmin(np.abs(info.ambients_c - t.ambient_c))) for t in own]
-            now, runs = info.variances(info.known), np.array([t.runs for t in own])
-            factors = np.array([t.relative**2 / now[g] if t.runs else 1.0 for t, g in zip(own, places, strict=True)])
-            precise.append(Precise(info, tuple(zip(own, places, strict=True)), runs, factors))
-        evidence = np.zeros(len(shocks))
-        for look in looks.values() if goals.ties and shocks else ():
-            dispute = look.verdict.dispute
-            if look.problem is None or look.noise is None or dispute is None or not look.rivals:
-                continue
-            told, each_further = expected(look.problem, look.noise, look.rivals, dispute, shocks)
-            evidence = np.maximum(evidence, averaged(told.max(axis=1), dispute))
-            for i, j in permutations(range(len(told)), 2):
-                pairs.append(np.maximum(each_further[i, j], 0.0))
-                needed.append(REJECTED_FROM - float(np.clip(dispute.so_far[j], 0.0, MOST_TOLD)))
-        varied = partial(variety, looks if goals.ties else {}, shocks)
-        told_apart = np.array(pairs).reshape(len(pairs), len(shocks))
-        return cls(shocks, anchor, tuple(precise), told_apart, np.array(needed), evidence, varied)
+        precise = []
+        for probe, one in found.items() if shocks else ():
+            for name, result in ({} if one is None else one.channels()).items():
+                own = [t for t in wanted if (t.channel, t.probe) == (name, probe)]
+                belongs = population is not None and probe in fleets and fleets[probe].belongs(name)
+                if own:
+                    precise.append(_precise(name, result, own, goals, shocks, population if belongs else None))
+        told = _told_apart(looks.values() if goals.ties and shocks else (), shocks)
+        return cls(shocks, anchor, tuple(precise), *told, partial(variety, looks if goals.ties else {}, shocks))
 
     def after(self, m: int) -> Designs:
         """With run `m` of the menu made."""
@@ -160,6 +139,43 @@ class Designs:
     def choosable(self) -> tuple[PlannedShock, ...]:
         """The menu without the anchor."""
         return self.menu[: self.anchor]
+
+
+def _precise(
+    name: ChannelName,
+    result: ChannelResult,
+    wanted: Sequence[Target],
+    goals: Goals,
+    shocks: Sequence[PlannedShock],
+    population: Population | None,
+) -> Precise:
+    """What runs would say of the rates that are wanted of a channel; with its type's population, where it is of it."""
+    part = result.parts[0]
+    info = information(part.problem, part.fit, result.noise, shocks, goals.ambients_c)
+    plain = not part.fit.structure.effects and not QUANTITIES[name].pooled
+    used = np.array([s.isothermal or not plain for s in shocks])
+    info = replace(info, added=info.added * used[:, None, None])
+    if population is not None:
+        info = replace(info, known=info.known + _beforehand(info, population, name))
+    places = [0 if t.ambient_c is None else int(np.argmin(np.abs(info.ambients_c - t.ambient_c))) for t in wanted]
+    now, runs = info.variances(info.known), np.array([t.runs for t in wanted])
+    factors = np.array([t.relative**2 / now[g] if t.runs else 1.0 for t, g in zip(wanted, places, strict=True)])
+    return Precise(info, tuple(zip(wanted, places, strict=True)), runs, factors)
+
+
+def _told_apart(looks: Iterable[ChannelLook], shocks: Sequence[PlannedShock]) -> tuple[Array, Array, Array]:
+    """Of all pairs of tied explanations `pairs`, `needed` and `evidence`, as `Designs` has them."""
+    pairs, needed, evidence = [], [], np.zeros(len(shocks))
+    for look in looks:
+        dispute = look.verdict.dispute
+        if look.problem is None or look.noise is None or dispute is None or not look.rivals:
+            continue
+        told, each_further = expected(look.problem, look.noise, look.rivals, dispute, shocks)
+        evidence = np.maximum(evidence, averaged(told.max(axis=1), dispute))
+        for i, j in permutations(range(len(told)), 2):
+            pairs.append(np.maximum(each_further[i, j], 0.0))
+            needed.append(REJECTED_FROM - float(np.clip(dispute.so_far[j], 0.0, MOST_TOLD)))
+    return np.array(pairs).reshape(len(pairs), len(shocks)), np.array(needed), evidence
 
 
 def _beforehand(info: Information, population: Population, name: ChannelName) -> Array:
