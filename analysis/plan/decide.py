@@ -124,20 +124,36 @@ def decide(
         looks, verdicts = _look(campaigns, verdicts, True, later, made, progress)
         if any(verdicts[place].causes != then.causes for place, then in judged.items()):
             found, fleets, wanted = _known(campaigns, verdicts, goals, population, progress)
-    chased, new = before.chased, set(recorded) - set(before.recorded)
+    new = set(recorded) - set(before.recorded)
     gained = sum(gained_by(new, own, [t for t in wanted if t.probe == p]) for p, own in found.items()) if new else None
     state = Decision(
         recorded=recorded,
         minutes_spent=spent,
         targets=tuple(wanted),
         verdicts=verdicts,
-        chased=chased,
+        chased=before.chased,
         unvaried=unvaried,
         gained=gained,
     )
     designs = Designs.of(found, looks, wanted, goals, usual, feasible, next(iter(runs), None), population, fleets)
     if not unvaried and not (goals.ties and first) and (ended := ended_by(state, goals, looks)):
         return replace(state, status=ended[0], reason=ended[1])
+    return _going_on(state, goals, campaigns, looks, designs, first, count)
+
+
+def _going_on(
+    state: Decision,
+    goals: Goals,
+    campaigns: Sequence[Campaign],
+    looks: Mapping[Place, ChannelLook],
+    designs: Designs,
+    first: Sequence[PlannedShock],
+    count: int,
+) -> Decision:
+    """A decision with the runs to record next, those that come `first` before any of the menu; with why there is none
+    where none brings what is missing, or the minutes are spent."""
+    campaign, verdicts, chased = next(iter(campaigns), None), state.verdicts.values(), state.chased
+    runs = () if campaign is None else campaign.runs
     minutes = learn(campaign)
     if first:
         chosen = [Choice(s, minutes.of(None, s)) for s in first][:count]
@@ -145,13 +161,13 @@ def decide(
     else:
         chosen, considered = choose_runs(designs, minutes, runs, count)
         chosen = _with_second_probe(looks.values(), chosen) if len(campaigns) == 1 else chosen
-    left = any(v.left for v in verdicts.values()) and not any(v.describes for v in verdicts.values())
+    left = any(v.left for v in verdicts) and not any(v.describes for v in verdicts)
     if goals.ties and left and chased < MOST_UNEXPLAINED and not first:
         chosen, chased = chase(designs, runs, minutes)[:count], chased + 1
     if not chosen:
         reason = f"no run of the menu brings what is missing: {missing(state)}"
         return replace(state, status=INCONCLUSIVE, reason=reason)
-    chosen, enough = _within(goals, chosen, considered, spent, len(recorded))
+    chosen, enough = _within(goals, chosen, considered, state.minutes_spent, len(runs))
     if enough:
         return replace(state, status=INCONCLUSIVE, reason=f"{enough}; {missing(state)}", considered=considered)
     reason, choices = missing(state), tuple(chosen)
@@ -163,10 +179,8 @@ def _with_second_probe(looks: Iterable[ChannelLook], chosen: Sequence[Choice]) -
     shocks = [choice.shock for choice in chosen]
     more = np.zeros(len(shocks))
     for look in looks:
-        dispute = look.verdict.dispute
-        if look.problem is not None and look.noise is not None and dispute is not None and look.rivals and shocks:
-            told = of_second_probe(look.problem, look.noise, look.rivals, dispute, shocks)
-            more = np.maximum(more, averaged(told, dispute))
+        if shocks and (open_ := look.open_dispute) is not None:
+            more = np.maximum(more, averaged(of_second_probe(*open_, shocks), open_.dispute))
     return [replace(choice, beside=float(x)) for choice, x in zip(chosen, more, strict=True)]
 
 

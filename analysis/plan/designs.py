@@ -167,14 +167,13 @@ def _told_apart(looks: Iterable[ChannelLook], shocks: Sequence[PlannedShock]) ->
     """Of all pairs of tied explanations `pairs`, `needed` and `evidence`, as `Designs` has them."""
     pairs, needed, evidence = [], [], np.zeros(len(shocks))
     for look in looks:
-        dispute = look.verdict.dispute
-        if look.problem is None or look.noise is None or dispute is None or not look.rivals:
+        if (open_ := look.open_dispute) is None:
             continue
-        told, each_further = expected(look.problem, look.noise, look.rivals, dispute, shocks)
-        evidence = np.maximum(evidence, averaged(told.max(axis=1), dispute))
+        told, each_further = expected(*open_, shocks)
+        evidence = np.maximum(evidence, averaged(told.max(axis=1), open_.dispute))
         for i, j in permutations(range(len(told)), 2):
             pairs.append(np.maximum(each_further[i, j], 0.0))
-            needed.append(REJECTED_FROM - float(np.clip(dispute.so_far[j], 0.0, MOST_TOLD)))
+            needed.append(REJECTED_FROM - float(np.clip(open_.dispute.so_far[j], 0.0, MOST_TOLD)))
     return np.array(pairs).reshape(len(pairs), len(shocks)), np.array(needed), evidence
 
 

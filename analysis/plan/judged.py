@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -115,6 +116,15 @@ MOST_RUNS_TRIED = 24  # by which a channel is given up of which fewer can be use
 MORE_RUNS = 1.2  # times as many as at the last diagnosis, from which on one that left something is made again
 
 
+class OpenDispute(NamedTuple):
+    """Explanations that stand beside one another: their fits, to which problem, and the dispute that they are of."""
+
+    problem: Problem
+    noise: Noise
+    fits: tuple[Fit, ...]
+    dispute: Dispute
+
+
 @dataclass(frozen=True)
 class ChannelLook:
     """A channel at one look: its verdict, and the fits that a design needs (None where it cannot be diagnosed).
@@ -127,6 +137,14 @@ class ChannelLook:
     noise: Noise | None = None
     rivals: tuple[Fit, ...] = ()
     given_up: bool = False
+
+    @property
+    def open_dispute(self) -> OpenDispute | None:
+        """The explanations that stand beside one another, as evidence is expected of them; None where there is one."""
+        dispute = self.verdict.dispute
+        if self.problem is None or self.noise is None or dispute is None or not self.rivals:
+            return None
+        return OpenDispute(self.problem, self.noise, self.rivals, dispute)
 
 
 def spending(look: int) -> float:
