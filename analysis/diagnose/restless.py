@@ -32,7 +32,6 @@ SEEN_SQUARE = 4.6  # times the mean square that noise alone leaves: one run in a
 FINE_FACTOR = 12  # times as many around the one that stands out
 BESIDE_WIDTHS = 3  # widths of a line, which are not taken for the noise beside it
 AROUND_WIDTHS = 40  # widths of a line, which are
-CLIPPED_SIGMAS = 2.0  # robust standard deviations: no sine goes there, and a burst is not to hide where it is
 LEFT_OUT_SIGMAS = 3.0  # robust standard deviations of a burst: no sine goes there
 LEAST_LEFT, TINY = 1e-9, 1e-300  # what is rounding [unit], and what is nothing
 BURST_SIGMAS = 5.5  # standard deviations from which on a reading belongs to a burst
@@ -270,25 +269,22 @@ def _spread(values: Array) -> float:
     return MAD_TO_SIGMA * float(np.median(np.abs(values - np.median(values))))
 
 
-def _amplitudes(pieces: Sequence[_Plateau], frequency_hz: Array) -> tuple[Array, Array]:
-    """Squared amplitudes (K, F) of sinusoids fitted to each plateau, and each one's variance (K,).
+def _amplitudes(pieces: Sequence[_Plateau], frequency_hz: Array) -> Array:
+    """Squared amplitudes (K, F) of sinusoids fitted to each plateau.
 
     The frequencies (F,) are evenly spaced: the first few, and leaps over as many, make all of them by a product.
     """
     few = int(np.ceil(np.sqrt(frequency_hz.size)))
     apart_hz = (frequency_hz[-1] - frequency_hz[0]) / max(frequency_hz.size - 1, 1)
     leaps_hz = apart_hz * few * np.arange(-(-frequency_hz.size // few))
-    squares, noise = [], []
+    squares = []
     for piece in pieces:
-        size = CLIPPED_SIGMAS * _spread(piece.value)
-        y = np.clip(piece.value, -size, size)
         early, leaps = (
             np.exp(-2j * np.pi * np.outer(f, piece.time_s - piece.time_s[0])) for f in (frequency_hz[:few], leaps_hz)
         )
-        sums = ((leaps * y) @ early.T).ravel()[: frequency_hz.size]
-        squares.append(np.abs(sums / (0.5 * y.size)) ** 2)
-        noise.append(float(y.var()))
-    return np.array(squares), np.array(noise)
+        sums = ((leaps * piece.value) @ early.T).ravel()[: frequency_hz.size]
+        squares.append(np.abs(sums / (0.5 * piece.value.size)) ** 2)
+    return np.array(squares)
 
 
 def _width(pieces: Sequence[_Plateau]) -> float:
@@ -302,13 +298,13 @@ def _highest_line(channel: Channel, pieces: Sequence[_Plateau]) -> float | None:
     grid = np.arange(LINE_TURNS * width, 0.5 / channel.sampling_period_s, width / PER_WIDTH)
     if not grid.size:
         return None
-    squares, _ = _amplitudes(pieces, grid)
+    squares = _amplitudes(pieces, grid)
     mean = (squares / np.median(squares, axis=1, keepdims=True)).mean(axis=0)
     highest = grid[int(np.argmax(mean / _beside(mean)))]
     near = np.arange(-PER_WIDTH * FINE_FACTOR, PER_WIDTH * FINE_FACTOR + 1) * width / (PER_WIDTH * FINE_FACTOR)
-    own, variance = _amplitudes(pieces, highest + near)
-    moves = variance > 0.0  # a plateau of which clipping leaves a single value says nothing
-    return float((highest + near)[int(np.argmax((own[moves] / variance[moves, None]).sum(axis=0)))])
+    variance = np.array([piece.value.var() for piece in pieces])
+    own = _amplitudes(pieces, highest + near) / variance[:, None]
+    return float((highest + near)[int(np.argmax(own.sum(axis=0)))])
 
 
 def _beside(power: Array) -> Array:
