@@ -420,7 +420,11 @@ def _stood(
     with such a jump behind them: the sensor, or the logger, was stuck, and went on."""
     stood = np.zeros(values.size, dtype=bool)
     for k in lone.tolist():
-        level = np.median(values[max(k - WINDOW_ROWS, 0) : k])
+        back = values[:k][::-1]
+        apart = np.maximum.accumulate(back) - np.minimum.accumulate(back)
+        # of a stand that is longer the last readings may lie at one end of the dither
+        lasting = int(np.count_nonzero(_on_level(apart, 2.0 * STUCK_LEVELS, resolution)))
+        level = np.median(back[: max(lasting, WINDOW_ROWS)])
         moved = np.flatnonzero(np.abs(values[:k] - level) > STUCK_LEVELS * resolution)
         stand = slice(int(moved[-1]) + 1 if moved.size else 0, k)
         if stand.start < k - 1:
@@ -480,17 +484,22 @@ def stuck_rows(values: Array, resolution: float, noise: float, scatter: Array) -
     if resolution == 0.0 or not moving.size:
         return stuck
     own = min(noise, float(np.quantile(moving, 0.1)))
-    # readings on as many steps of the log as lie within are one less apart
     for levels in (1.0, 2.0 * STUCK_LEVELS)[resolution > COARSE_IN_NOISE * own :]:
         least = fewest_by_chance(0.5 * levels * resolution, own)
         if least > values.size // 2:
             continue
         half = int(least) // 2
         apart = maximum_filter1d(values, 2 * half + 1) - minimum_filter1d(values, 2 * half + 1)
-        narrow = apart < (levels - 0.999) * resolution
+        narrow = _on_level(apart, levels, resolution)
         narrow[:half] = narrow[values.size - half :] = False
         stuck |= maximum_filter1d(narrow, 2 * half + 1)
     return stuck
+
+
+def _on_level(apart: Array, levels: float, resolution: float) -> Mask:
+    """Whether readings that are so far `apart` at most are on no more `levels` of the log, one less apart than there
+    are."""
+    return apart < (levels - 0.999) * resolution
 
 
 def fewest_by_chance(size: float, noise: float) -> float:
