@@ -25,7 +25,6 @@ Rows = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 CUT = 8.0  # times what a column usually goes, that it jumps by between two pieces
-CUT_IN_NOISE = 5.0  # times the noise there: a cut too many costs little, and one too few holds two things for one
 LEVEL_ROWS = 3  # at either end of a piece: single readings may be noise
 CHANGE = 7.0  # nats against columns that change place, or unit
 NOTHING = 16.0  # nats against a column that holds neither quantity from a jump on: a code, a burst
@@ -52,8 +51,8 @@ DEGF = KINDS[KIND, 1:3].T == 1
 class _Pieces:
     """Of each piece (p,), its first `row`, and of its columns (2, p) the `count` of readings, the `warm` ones among
     them, and whether it `begins` with a jump and is `stuck`; and of both its ends (2, 2, p) the `level`, the rows `at`
-    which it is, and the `noise` of the readings there; `settled` (2, p) is the level that a column comes to behind the
-    piece's first row, if in another piece."""
+    which it is, and the `noise` of the readings there; `settled` (2, p) is the level that a column comes to so many
+    readings behind the piece's first row as lags take, in whatever piece that is."""
 
     row: Rows
     count: Rows
@@ -89,18 +88,20 @@ class _Usual:
     jumps, which are what is to be told. It may have been read in every tenth row: what lies between two readings is
     told by how many readings on the second one is.
 
-    Attributes: the `rows` (m,) that were read, the `step` to each (m,), the `noise` (m,) of those around it, and which
-    of them `jumped` (m,): over a gap it may have gone anywhere, and changed its unit as well.
+    Attributes: the `rows` (m,) that were read, the `noise` (m,) of the steps around each, and which of them `jumped`
+    (m,): over a gap it may have gone anywhere, and changed its unit as well.
     """
 
     def __init__(self, values: Array, resolution: float) -> None:
         self.rows = rows = np.flatnonzero(np.isfinite(values))
-        self.step = np.diff(values[rows], prepend=values[rows[0]])
-        self.noise = MAD_TO_SIGMA * median_filter(np.abs(self.step), WINDOW_ROWS, mode="mirror")
+        step = np.diff(values[rows], prepend=values[rows[0]])
+        self.noise = MAD_TO_SIGMA * median_filter(np.abs(step), WINDOW_ROWS, mode="mirror")
         least = resolution or np.finfo(float).eps
-        at_once = max(MAD_TO_SIGMA * float(np.median(np.abs(self.step[1:]))), least)
-        self.jumped = np.abs(self.step) > np.maximum(CUT * at_once, CUT_IN_NOISE * self.noise)
-        going = np.cumsum(np.where(self.jumped, 0.0, self.step))
+        at_once = max(MAD_TO_SIGMA * float(np.median(np.abs(step[1:]))), least)
+        # of noise whose scale so many readings tell, by Student's t: a part has two ends, each at half of its price
+        in_noise = np.sqrt(WINDOW_ROWS * np.expm1(CHANGE / WINDOW_ROWS))
+        self.jumped = np.abs(step) > np.maximum(CUT * at_once, in_noise * self.noise)
+        going = np.cumsum(np.where(self.jumped, 0.0, step))
         self.lags, usual = [], []
         for on in 2 ** np.arange(int(np.log2(rows.size))):
             self.lags.append(float(np.median(rows[on:] - rows[:-on])))
@@ -165,11 +166,8 @@ def _pieces(columns: Array, usual: list[_Usual], stuck: Mask) -> _Pieces:
     """The pieces between jumps of either column (2, n), and where the columns meet."""
     size = columns.shape[1]
     known, noises = [one.rows for one in usual], [one.noise for one in usual]
-    jumps, cuts = [], [np.zeros(1, dtype=np.int64)]
-    for rows, most in zip(known, usual, strict=True):
-        far = np.abs(most.step) > CUT * np.maximum(most(np.diff(rows, prepend=rows[0])), most.noise)
-        jumps.append(rows[far])
-        cuts += [rows[most.jumped], rows[:1], rows[-1:] + 1]
+    jumps = [one.rows[one.jumped] for one in usual]
+    cuts = [np.zeros(1, dtype=np.int64), *jumps, *(end for one in known for end in (one[:1], one[-1:] + 1))]
     # where they are as near as that, they may change place without a jump
     rows = np.intersect1d(known[0], known[1])
     apart = np.abs(columns[0, rows] - columns[1, rows])
@@ -196,7 +194,7 @@ def _pieces(columns: Array, usual: list[_Usual], stuck: Mask) -> _Pieces:
             some = np.clip(place, 0, rows.size - 1)
             level[end, q] = np.median(values[rows[some]], axis=1)
             at[end, q], noise[end, q] = rows[some[:, 0]], noises[q][some[:, 0]]
-        late = np.minimum(np.maximum(start[1:], start[:-1] + WINDOW_ROWS), rows.size)[:, None] - 1 - inside
+        late = np.minimum(start[:-1] + WINDOW_ROWS, rows.size)[:, None] - 1 - inside
         settled[q] = np.median(values[rows[np.maximum(late, 0)]], axis=1)
     warm, dead = (np.add.reduceat(one, row, axis=1, dtype=np.int64) for one in (columns > WARM_C, stuck))
     begins = np.stack([np.isin(row, one) for one in jumps])
