@@ -113,7 +113,6 @@ def diagnose_channel(
         remainder=remainder,
         problem=problem,
         noise=ready.noise,
-        plain=found.plain.fit,
         final=final,
         predicting=stands if said in SETTLED else predicting_model(ready, found, stands, shown),
         untestable=tuple(

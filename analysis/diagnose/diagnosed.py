@@ -143,8 +143,8 @@ class Predicting:
 class ChannelDiagnosis:
     """The verdict on one channel with everything it rests on.
 
-    `plain` and `final` are the fits of the plain model and of the one that is stated; `tried` are effects that are
-    not named, and why; `discrepancy` describes what is left where it matters.
+    `final` is the fit of the model that is stated; `tried` are effects that are not named, and why; `discrepancy`
+    describes what is left where it matters.
     """
 
     name: ChannelName
@@ -158,13 +158,17 @@ class ChannelDiagnosis:
     remainder: StatedRemainder
     problem: Problem
     noise: Noise
-    plain: Fit
     final: Fit
     predicting: Predicting
     untestable: tuple[str, ...]
     cannot_tell: tuple[str, ...] = ()
     tried: Mapping[str, str] = field(default_factory=dict)
     discrepancy: dict[str, object] | None = None
+
+    @property
+    def plain(self) -> Fit:
+        """The fit of the plain model."""
+        return self.search.plain.fit
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-Verdict = Literal["adequate", "explained", "described", "unexplained"]
+VerdictWord = Literal["adequate", "explained", "described", "unexplained"]
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Standing:
     claims: bool = True
 
 
-def verdict(s: Standing) -> Verdict:
+def verdict(s: Standing) -> VerdictWord:
     """The verdict.
 
     Something that is left and matters is unexplained. A form or something shown makes a description; effects of the
