@@ -17,7 +17,7 @@ from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.diagnose.remainder import Tolerance
 from shockrig.analysis.diagnose.restless import without_hums
 from shockrig.analysis.diagnose.search import Race, Search, search
-from shockrig.analysis.effects import CATALOGUE
+from shockrig.analysis.effects import CATALOGUE, behaviours
 from shockrig.analysis.effects.described import as_listed, described, discovered_of, entry_of
 from shockrig.analysis.effects.forms import LAWS, MEAN, Form, laws_of
 from shockrig.analysis.estimate.channel import rebin
@@ -27,7 +27,9 @@ from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import Held, Model, Point, Structure
 from shockrig.analysis.estimate.without_model import mostly_repeats
 from shockrig.analysis.flight.undo_readout import not_undone
+from shockrig.analysis.report import diagnosis_words
 from shockrig.analysis.report.diagnosis_words import behaves, flies, sentence
+from shockrig.files import diagnosis_data
 from shockrig.rig.seams import Air
 from shockrig.rig.virtual.plans import Shock, standard_plan, wide_plan
 from shockrig.rig.virtual.truth import ROUGH, Hidden, draw_truth
@@ -342,3 +344,7 @@ def test_a_number_that_a_channel_cannot_see_is_not_held_against_an_effect(tmp_pa
 def test_a_gain_about_a_zero_that_depends_on_airflow_is_the_sensors_and_said_to_be_left_in_a_flight():
     zero = described("gain|own_response|airflow:power|ambient:zero_at", False)
     assert zero.of_sensor and zero.in_flight.left
+
+
+def test_every_behaviour_is_computed_and_may_stand_in_a_file_and_has_words():
+    assert {*behaviours.BEHAVIOURS, "bursts"} == {*diagnosis_data.BEHAVIOURS} == {*diagnosis_words.BEHAVIOURS}
