@@ -180,10 +180,6 @@ def _parallel_lag(form: Form, chain: Chain, p: Arrays) -> Chain:
     return replace(chain, lags=(*chain.lags, (share, np.broadcast_to(each_s, (*share.shape, each_s.shape[-1])))))
 
 
-def _parallel_lag_flown(form: Form) -> InFlight:
-    return InFlight(lag=lambda p: (p["size"], *times_s(form, p).tolist())) if _knows(form, SPREAD) else LEFT
-
-
 # A body whose rate changes.
 
 
@@ -197,14 +193,6 @@ def _rate_change(form: Form, chain: Chain, p: Arrays) -> Chain:
         lasted = moving + 0.5 * more * moving**2 + (1.0 + more * moving) * (since - moving)
         return replace(chain, time_s=np.where(chain.time_s > 0, lasted, chain.time_s))
     return replace(chain, rate=chain.rate * np.maximum(scale_of(form, chain, p), 1.0 - SLOWEST_SHARE_LOST))
-
-
-def _rate_change_parameters(form: Form, unit: str) -> Parameters:
-    return (Parameter("size", "1/min", -3.0, 10.0, (0.1, -0.1)),) if GROWS in form.depends_on else ()
-
-
-def _rate_change_flown(form: Form) -> InFlight:
-    return InFlight(rate=partial(_along, form)) if _knows(form, BY_AIRFLOW, BY_AMBIENT) else LEFT
 
 
 # A reading, or the vapour alone, that comes late.
@@ -463,41 +451,55 @@ BEHAVIOURS = {
     "parallel_lag": Behaviour(
         "body",
         _parallel_lag,
-        lambda form, unit: (Parameter("size", "1", -0.9, 0.9, (0.03,), percent=True), _time_constant()),
-        lambda form, depends: f"reading = (1 - size{depends}) body + size{depends} (1 - exp(-t / time_constant))",
-        _parallel_lag_flown,
+        parameters=lambda form, unit: (Parameter("size", "1", -0.9, 0.9, (0.03,), percent=True), _time_constant()),
+        equation=lambda form, depends: (
+            f"reading = (1 - size{depends}) body + size{depends} (1 - exp(-t / time_constant))"
+        ),
+        flown=lambda form: (
+            InFlight(lag=lambda p: (p["size"], *times_s(form, p).tolist())) if _knows(form, SPREAD) else LEFT
+        ),
     ),
     "rate_change": Behaviour(
         "body",
         _rate_change,
-        _rate_change_parameters,
-        lambda form, depends: f"rate (1 + size{depends} t)" if "history" in form.factors else f"rate{depends}",
-        _rate_change_flown,
+        parameters=lambda form, unit: (
+            (Parameter("size", "1/min", -3.0, 10.0, (0.1, -0.1)),) if GROWS in form.depends_on else ()
+        ),
+        equation=lambda form, depends: f"rate (1 + size{depends} t)" if "history" in form.factors else f"rate{depends}",
+        flown=lambda form: InFlight(rate=partial(_along, form)) if _knows(form, BY_AIRFLOW, BY_AMBIENT) else LEFT,
     ),
     "delay": Behaviour("logger", _delay, _delay_parameters, _delay_equation, _delay_flown, _delay_start),
     "added_response": Behaviour(
         "readout",
         _added_response,
         _added_response_parameters,
-        lambda form, depends: f"reading + size{depends} {_driver_in_words(form)} behind a lag of time_constant",
-        lambda form: None if of_a_room(form) else LEFT,
+        equation=lambda form, depends: (
+            f"reading + size{depends} {_driver_in_words(form)} behind a lag of time_constant"
+        ),
+        flown=lambda form: None if of_a_room(form) else LEFT,
     ),
     "added_rate": Behaviour(
         "readout",
         _added_rate,
         _added_rate_parameters,
-        lambda form, depends: f"reading + size{depends} d{_driver_in_words(form)}/dt behind a lag of time_constant",
-        _added_rate_flown,
+        equation=lambda form, depends: (
+            f"reading + size{depends} d{_driver_in_words(form)}/dt behind a lag of time_constant"
+        ),
+        flown=_added_rate_flown,
     ),
     "gain": Behaviour("readout", _gain, _gain_parameters, _gain_equation, _gain_flown),
     "offset": Behaviour(
-        "readout", _offset, _offset_parameters, lambda form, depends: f"reading + size{depends}", _offset_flown
+        "readout",
+        _offset,
+        _offset_parameters,
+        equation=lambda form, depends: f"reading + size{depends}",
+        flown=_offset_flown,
     ),
     "periodic": Behaviour(
         "air",
         _periodic,
         _periodic_parameters,
-        lambda form, depends: f"reading + size{depends} sin(2 pi t / period + phase)",
-        lambda form: None,
+        equation=lambda form, depends: f"reading + size{depends} sin(2 pi t / period + phase)",
+        flown=lambda form: None,
     ),
 }
