@@ -18,7 +18,7 @@ from shockrig.analysis.flight.screen import FEWEST_ROWS, GAP_PERIODS, LONGEST_GA
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.flight.undo_readout import not_causal, not_undone
 from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S
-from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA, saturation_pressure_hpa
+from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA, saturation_pressure_hpa, saturation_slope
 from shockrig.files.errors import InputError
 from shockrig.files.flight import FLAGS, Corrected, Flight
 from shockrig.files.numbers import counted
@@ -352,9 +352,10 @@ class Corrector:
             strength = VAPOUR_PER_K * abs(level) * self.bead.bank.middle
         if not seen.at_die and not self.design.by_activity:
             error = float(np.hypot(np.sqrt(now.variance), bend if np.isfinite(bend) else 0.0))
-            passing = abs(level) * _steepness(now_c) * error if np.isfinite(level) else 0.0
+            steep = float(saturation_slope(now_c))
+            passing = abs(level) * steep * error if np.isfinite(level) else 0.0
             if self.bead is not None and np.isfinite(level):
-                alike = abs(level) * held / own * _steepness(now_c) * self.bead.bank.wobble(self.design.period_s)
+                alike = abs(level) * held / own * steep * self.bead.bank.wobble(self.design.period_s)
         read_lately = seen.bead.since_read_s <= max(UNREAD_S, UNREAD_PERIODS * self.design.period_s)
         film.take(
             seen.film,
@@ -399,7 +400,7 @@ class Corrector:
         shared = film.common(told, found.value) * seen.back
         own = max(found.stated, told.step**2 / 12.0) * seen.back**2 + shared**2
         if seen.at_die or self.design.by_activity:
-            own += (value * _steepness(seen.now_c)) ** 2 * seen.now.stated
+            own += (value * float(saturation_slope(seen.now_c))) ** 2 * seen.now.stated
         low, high = film.design.covers_c
         if not low <= seen.now_c <= high:
             # the profile does not speak for such air: the reading, as unsure as what the correction would have made
@@ -421,11 +422,6 @@ def _stale(told: _Told) -> bool:
 
 def _saturation(temperature_c: float) -> float:
     return float(saturation_pressure_hpa(temperature_c))
-
-
-def _steepness(temperature_c: float) -> float:
-    """Relative change of saturation pressure per kelvin."""
-    return float(np.log(_saturation(temperature_c + 0.5) / _saturation(temperature_c - 0.5)))
 
 
 LONGEST_LAG_S = 60.0  # longer is what the smoother is for

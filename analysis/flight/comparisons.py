@@ -23,8 +23,8 @@ from shockrig.analysis.estimate.effect import InFlight
 from shockrig.analysis.flight.flight_channel import FlightChannel, bridged, possible_air
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.flight.smoother import followed
-from shockrig.analysis.flight.sweep import lags_behind
-from shockrig.analysis.physics.humidity import saturation_pressure_hpa
+from shockrig.analysis.flight.sweep import as_lagged, forgotten
+from shockrig.analysis.physics.humidity import saturation_pressure_hpa, saturation_slope
 from shockrig.analysis.physics.standard_atmosphere import pressure_altitude_m
 from shockrig.files.flight import Corrected, Flight
 from shockrig.files.numbers import plain
@@ -169,10 +169,6 @@ def causes(flight: Flight, bead: FlightChannel, channel: FlightChannel) -> list[
     def behind(values: Array, time_constant_s: float) -> Array:
         return followed(values, float(np.exp(-period / time_constant_s)), float(values[0]))
 
-    def seen(values: Array) -> Array:
-        lags, _ = lags_behind(values, response, period)
-        return np.asarray((lags * response.weight).sum(axis=1))
-
     reading, slowest = value - np.nan_to_num(channel.lag), response.slowest_s
     shortest_s, longest_s = SECOND_LAG_RATIOS[0] * slowest, SECOND_LAG_RATIOS[1] * slowest
     found = [
@@ -204,10 +200,9 @@ def causes(flight: Flight, bead: FlightChannel, channel: FlightChannel) -> list[
             for half in PLAYS_PERCENT
         )
         saturated = saturation_pressure_hpa(air)
-        steep = np.log(saturation_pressure_hpa(air + 0.5)) - np.log(saturation_pressure_hpa(air - 0.5))
         found.append(
             LikelyCause(
-                seen(value) - seen(value * saturated) / saturated,
+                as_lagged(value, response, period) - as_lagged(value * saturated, response, period) / saturated,
                 False,
                 "a film that takes up relative humidity and not vapour: diagnose the campaign "
                 f"({named_effects(channel.name, lambda flown: flown.activity is not None)})",
@@ -217,7 +212,7 @@ def causes(flight: Flight, bead: FlightChannel, channel: FlightChannel) -> list[
         own = behind(air, DIE_S) if die is None else die
         found.append(
             LikelyCause(
-                value * steep * (air - own),
+                value * saturation_slope(air) * (air - own),
                 False,
                 "a die that is slower than the air: "
                 + ("log the humidity chip's own temperature, and " if die is None else "")
@@ -519,8 +514,7 @@ def told(flight: Flight, bead: FlightChannel, film: FlightChannel, before: Told 
     both, air = up_and_down(flight, film, _warmth(flight, bead)), bridged(flight.time_s, bead.value)
     if both is None or air is None or film.response is None:
         return before
-    lags, _ = lags_behind(air, film.response, typical_period(flight.time_s))
-    shown = (lags * film.response.weight).sum(axis=1)
+    shown = as_lagged(air, film.response, typical_period(flight.time_s))
     moved = up_and_down(flight, replace(bead, lag=air - shown))
     if moved is None:
         return before
@@ -669,8 +663,7 @@ def seen_by_film(
     )
     with_them, without = following(flight, air), following(flight, air - alone)
     # what the humidity is off by if the air did move
-    keep = float(np.exp(-typical_period(flight.time_s) / DIE_S))
-    late = followed(np.diff(alone, prepend=0.0), keep, 0.0) / (1.0 - keep)
+    late = forgotten(np.diff(alone, prepend=0.0), DIE_S, typical_period(flight.time_s))
     behind = np.log(saturation_pressure_hpa(possible_air(air)) / saturation_pressure_hpa(possible_air(air - late)))
     of_film = film.value * np.abs(behind)
     of_bead, of_vapour = _slowed(flight.time_s, air, slice(int(moved[0]), int(moved[-1]) + 1), film)
@@ -699,8 +692,7 @@ def _as_shown(time_s: Array, bead: FlightChannel, alone: Array) -> FlightChannel
     """The thermometer's own moves `alone` (n,) as it showed them: they are none of the air's that it lagged behind."""
     if bead.response is None:
         return bead
-    lags, _ = lags_behind(alone, bead.response, typical_period(time_s))
-    ahead = np.where(bead.raw, 0.0, alone - (lags * bead.response.weight).sum(axis=1))
+    ahead = np.where(bead.raw, 0.0, alone - as_lagged(alone, bead.response, typical_period(time_s)))
     return replace(bead, value=bead.value - ahead, lag=bead.lag - ahead)
 
 

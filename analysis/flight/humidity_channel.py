@@ -42,9 +42,8 @@ from shockrig.analysis.flight.smooth_channel import (
     Estimate,
     typical_period,
 )
-from shockrig.analysis.flight.smoother import followed
 from shockrig.analysis.flight.stretches import MOST_SHARE, Felt, fastest, largest_share
-from shockrig.analysis.flight.sweep import lags_behind
+from shockrig.analysis.flight.sweep import as_lagged, forgotten
 from shockrig.analysis.flight.swings import swings
 from shockrig.analysis.flight.undo_readout import (
     Acting,
@@ -66,7 +65,7 @@ from shockrig.analysis.flight.undo_readout import (
 from shockrig.analysis.flight.undo_readout import unseen as beyond_discovered
 from shockrig.analysis.flight.unread import APART_S, where_unread
 from shockrig.analysis.physics.air_exchange import Stream
-from shockrig.analysis.physics.humidity import saturation_pressure_hpa
+from shockrig.analysis.physics.humidity import saturation_pressure_hpa, saturation_slope
 from shockrig.files.flight import Flight
 from shockrig.files.numbers import counted
 from shockrig.files.profile import HumidityProfile
@@ -160,8 +159,7 @@ def _forgotten(alone_k: Array, response: LagResponse, period: float) -> Array:
     They are summed, so a constant is left open behind each, which divides reading and result alike; what many leave
     open would add up.
     """
-    keep = float(np.exp(-period / (FORGOTTEN_LAGS * response.slowest_s)))
-    return followed(np.diff(alone_k, prepend=0.0), keep, 0.0) / (1.0 - keep)
+    return forgotten(np.diff(alone_k, prepend=0.0), FORGOTTEN_LAGS * response.slowest_s, period)
 
 
 def _lagged_drift(used_c: Array, believed_c: Array, response: LagResponse, period: float) -> Array:
@@ -170,8 +168,7 @@ def _lagged_drift(used_c: Array, believed_c: Array, response: LagResponse, perio
     if np.array_equal(used_c, believed_c):
         return np.zeros(used_c.shape)
     drift = np.log(saturation_pressure_hpa(used_c) / saturation_pressure_hpa(believed_c))
-    lags, _ = lags_behind(drift, response, period)
-    return np.asarray(drift - (lags * response.weight).sum(axis=1))
+    return drift - as_lagged(drift, response, period)
 
 
 def _rows(response: LagResponse, period: float, shown: float) -> int:
@@ -420,7 +417,7 @@ def _screened(
         swing=LIKELY_RANGES["swing_percent"].high,
         lagging=None if air is None else raw * saturation_pressure_hpa(air) / saturation_pressure_hpa(REFERENCE_C),
         known=~_unread(bead, time_s),
-        unsure=None if air is None or sigma is None else _steepness(air) * sigma,
+        unsure=None if air is None or sigma is None else saturation_slope(air) * sigma,
     )
 
 
@@ -486,7 +483,7 @@ def _of_temperature(readings: FlightReadings, air: Array, error: Array, bead: Fl
     """What the `air`'s temperature (n,), unsure by `error`, leaves open of the vapour that was read."""
     time_s, usable = readings.time_s, readings.usable
     level = np.interp(time_s, time_s[usable], readings.reading[usable])
-    percent_per_k = level * _steepness(air)
+    percent_per_k = level * saturation_slope(air)
     error = np.hypot(error, _misplaced(air, bead.screened.usable))
     coupling = _coupling(time_s, level, air, error, percent_per_k, readings.response)
     passing = Passing(percent_per_k * error, bead.resolved_rate, coupling)
@@ -571,7 +568,7 @@ def _as_the_film(found: Estimate, vapour: Array, rows: Mask) -> Estimate:
 
 def _of_the_airs_temperature(channel: FlightChannel, time_s: Array, vapour: Array, now: Array, sigma: Array) -> Array:
     """Uncertainty (n,) with that of the air's temperature, which went into the vapour by another way or not at all."""
-    own, wrong = channel.uncertainty, channel.value * _steepness(now) * sigma
+    own, wrong = channel.uncertainty, channel.value * saturation_slope(now) * sigma
     together = _correlation(time_s, vapour, now)
     total = own**2 + wrong**2 - 2 * together * own * wrong
     return np.where(channel.raw, own, np.sqrt(np.maximum(total, (LEAST_SHARE * own) ** 2)))
@@ -583,7 +580,7 @@ def _in_all(channel: FlightChannel, uncertainty: Array, left: float, now: Array,
     value = np.where(channel.raw, channel.value, np.clip(channel.value, 0.0, SATURATED_PERCENT))
     # nothing between dry and saturated is farther away than the farther of the two
     uncertainty = np.minimum(uncertainty, np.maximum(value, SATURATED_PERCENT - value))
-    of_temperature = np.where(channel.raw, 0.0, value * _steepness(now) * unsure_k)
+    of_temperature = np.where(channel.raw, 0.0, value * saturation_slope(now) * unsure_k)
     uncertainty, common = (np.sqrt(s**2 + left**2 + of_temperature**2) for s in (uncertainty, channel.common))
     return replace(channel, value=value, uncertainty=uncertainty, common=common)
 
@@ -603,7 +600,7 @@ def felt_by_film(flight: Flight, part: HumidityProfile | None) -> Felt | None:
         return None
     possible = RANGES["temperature_c"]
     usual = float(np.clip(np.median(air), possible.low, possible.high))
-    per_k = float(_steepness(np.array(usual)))
+    per_k = float(saturation_slope(np.array(usual)))
     level = float(np.nanmedian(wet)) * per_k
     return Felt(-np.log(wet) / per_k, _noise(part, effects, None) / level, resolution_of(wet[np.isfinite(wet)]) / level)
 
@@ -661,12 +658,6 @@ def _misplaced(temperature_c: Array, read: NDArray[np.bool_]) -> Array:
     return off
 
 
-def _steepness(temperature_c: Array) -> Array:
-    """Relative change of saturation pressure per kelvin."""
-    above, below = (saturation_pressure_hpa(temperature_c + half) for half in (0.5, -0.5))
-    return np.log(above) - np.log(below)
-
-
 def _own_temperature(
     flight: Flight, effects: Sequence[Acting], air: Array, bead: FlightChannel, notes: list[str]
 ) -> tuple[Array | None, Array]:
@@ -708,8 +699,7 @@ def _coupling(
     lag = max(int(round(APART_S / period)), 1)
     if time_s.size < 20 * lag:
         return 0.0
-    lags, _ = lags_behind(temperature, response, period)
-    lagged = (lags * response.weight).sum(axis=1)
+    lagged = as_lagged(temperature, response, period)
     smooth = max(int(round(SMOOTHED_S / period)), 1)
     a, b = (uniform_filter1d(v, smooth) for v in (vapour, lagged))
     a, b = a[lag:] - a[:-lag], b[lag:] - b[:-lag]

@@ -185,6 +185,18 @@ def lags_behind(
     return lags, apart
 
 
+def as_lagged(values: Array, along: LagResponse, period: float) -> Array:
+    """What a sensor shows (n,) of evenly spaced `values` (n,) that it lags behind from rest."""
+    lags, _ = lags_behind(values, along, period)
+    return np.asarray((lags * along.weight).sum(axis=1))
+
+
+def forgotten(moves: Array, lag_s: float, period: float) -> Array:
+    """Values (n,) whose `moves` (n,), each since the one before, are forgotten with a time constant of `lag_s`."""
+    keep = float(np.exp(-period / lag_s))
+    return followed(moves, keep, 0.0) / (1.0 - keep)
+
+
 def inflation(surprise: Array) -> Array:
     """Factor on each node's variance (n,): mean square surprise around it where it is larger than chance makes it, else
     1; over few nodes or many, whichever is more, and in a gap that of the reading behind it."""

@@ -16,7 +16,7 @@ from scipy.special import ndtr
 
 from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
 from shockrig.analysis.flight.unread import OF_MEDIAN
-from shockrig.analysis.physics.humidity import saturation_pressure_hpa
+from shockrig.analysis.physics.humidity import saturation_pressure_hpa, saturation_slope
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -64,8 +64,8 @@ def swings(humidity: Array, temperature_c: Array, read: Mask, period_s: float) -
             if all(abs(at - one) * own.size > LINE_BINS for one in told):
                 told.append(at)
                 own += swing
-    per_k = np.log(saturation_pressure_hpa(temperature_c + 0.5) / saturation_pressure_hpa(temperature_c - 0.5))
-    own = np.interp(np.arange(temperature_c.size), (np.arange(count) + 0.5) * rows - 0.5, own) / per_k
+    own = np.interp(np.arange(temperature_c.size), (np.arange(count) + 0.5) * rows - 0.5, own)
+    own /= saturation_slope(temperature_c)
     return np.asarray(own - own.min())
 
 

@@ -19,7 +19,7 @@ from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
 from shockrig.analysis.flight.flight_channel import LONGEST_FILL_S, FlightReadings
 from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
 from shockrig.analysis.flight.stretches import WINDOW_ROWS, Felt
-from shockrig.analysis.flight.sweep import lags_behind
+from shockrig.analysis.flight.sweep import as_lagged
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -39,8 +39,7 @@ def where_unread(
     rows = far(readings)
     if not rows.any():
         return readings, found
-    lags, _ = lags_behind(air_c, readings.response, typical_period(readings.time_s))
-    lagged = (lags * readings.response.weight).sum(axis=1)
+    lagged = as_lagged(air_c, readings.response, typical_period(readings.time_s))
     slope, error = goes_with(readings, lagged, float(np.median(sigma_k)))
     if slope == 0.0:
         return readings, found
@@ -87,8 +86,7 @@ def where_felt(
         chance += 0.5 * (share**2 + np.log(total / anyhow))
     if not along.any():
         return found
-    lags, _ = lags_behind(along, readings.response, typical_period(readings.time_s))
-    lagged = (lags * readings.response.weight).sum(axis=1)
+    lagged = as_lagged(along, readings.response, typical_period(readings.time_s))
     rest = solve(replace(readings, reading=readings.reading - lagged))
     if rest.cost + chance > found.cost:
         return found

@@ -27,6 +27,13 @@ def saturation_pressure_hpa(temperature_c: ArrayLike) -> NDArray[np.float64]:
     return STANDARD_PRESSURE_HPA * np.exp(t * (13.3185 + t * (-1.9760 + t * (-0.6445 - 0.1299 * t))))
 
 
+def saturation_slope(temperature_c: ArrayLike) -> NDArray[np.float64]:
+    """Relative change d ln P_s / dT [1/K] of the saturation pressure, over the kelvin around `temperature_c` [degC]."""
+    temperature = np.asarray(temperature_c, dtype=float)
+    above, below = (saturation_pressure_hpa(temperature + half) for half in (0.5, -0.5))
+    return np.asarray(np.log(above / below))
+
+
 def ppmv_from_humidity(
     humidity_percent: ArrayLike, temperature_c: ArrayLike, pressure_hpa: ArrayLike = STANDARD_PRESSURE_HPA
 ) -> NDArray[np.float64]:
