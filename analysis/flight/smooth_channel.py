@@ -68,14 +68,11 @@ def none(count: int) -> Jumps:
     return Jumps(np.zeros((count, 2)), np.full(count, 0.5))
 
 
-def when(on: OnNodes, jumps: Jumps) -> Array:
-    """Times [s] of the jumps of the air itself; of one just before or behind a reading that is between both. Of one
-    that is somewhere in a gap, or of whose next samples fewer than half were read, nothing tells when it was."""
+def when(track: Track, jumps: Jumps) -> Array:
+    """Times [s] of the jumps of the air itself, of none that is somewhere in a gap; of one just before or behind a
+    reading that is between both."""
     first, behind = np.flatnonzero(np.diff(jumps.variance[:, 0] > 0.0, prepend=False, append=False)).reshape(-1, 2).T
-    read = np.cumsum(np.append(0, on.measured))
-    later = np.minimum(behind - 1 + APART_SAMPLES * on.parts, on.measured.size)
-    told = (behind - first <= 2) & (read[later] - read[behind - 1] > 0.5 * APART_SAMPLES)
-    nodes, track = np.stack([first, behind - 1])[:, told], on.track
+    nodes = np.stack([first, behind - 1])[:, behind - first <= 2]
     return np.asarray((track.time_s[nodes] - (1.0 - jumps.place[nodes]) * track.period_s).mean(axis=0))
 
 
@@ -570,7 +567,7 @@ def estimate(
         clean,
         noise_factor,
         resolved_rate=rate,
-        jumps_s=when(on, jumps),
+        jumps_s=when(track, jumps),
         breaks=broken,
         own_steps=own_steps,
         cost=float(found.cost.sum()),

@@ -31,7 +31,7 @@ def saturation_slope(temperature_c: ArrayLike) -> NDArray[np.float64]:
     """Relative change d ln P_s / dT [1/K] of the saturation pressure, over the kelvin around `temperature_c` [degC]."""
     temperature = np.asarray(temperature_c, dtype=float)
     above, below = (saturation_pressure_hpa(temperature + half) for half in (0.5, -0.5))
-    return np.asarray(np.log(above / below))
+    return np.asarray(np.log(above) - np.log(below))
 
 
 def ppmv_from_humidity(

@@ -89,16 +89,3 @@ def test_where_readings_surprise_for_seconds_only_their_uncertainty_grows_there(
     surprise[1005:1015] = 8.0
     wider = inflation(surprise)
     assert wider[1010] > 20.0 and np.all(wider[:750] == inflation(surprise[:750])) and wider[1200] < 4.5
-
-
-@pytest.mark.parametrize("read_behind", [2, 60])
-def test_a_jump_of_which_two_readings_tell_is_none_that_another_sensor_may_rely_on(read_behind):
-    """Before: a humidity was put to jump where a burst of the thermometer began, 20 %RH off its reading for a row."""
-    time_s = 0.5 * np.arange(240)
-    since = np.maximum(time_s - 60.2, 0.0)
-    reading = 20.0 + 8.0 * (1.0 - np.exp(-0.8 * since)) + 0.02 * np.random.default_rng(3).standard_normal(240)
-    usable = (time_s > 90.0) | (time_s < 60.2 + 0.5 * read_behind)
-    response = LagResponse(np.ones((240, 1)), np.full((240, 1), 0.8), np.zeros(240))
-    found = estimate(time_s, reading, usable, response, np.full(240, 0.02**2))
-    jumps_s = found.jumps_s[np.abs(found.jumps_s - 60.2) < 5.0]
-    assert jumps_s.size == (read_behind > 2)
