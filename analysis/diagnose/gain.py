@@ -85,7 +85,7 @@ def as_judged(problem: Problem, found: Fit) -> Fit | None:
 
     def beside(left_by: Fit) -> Problem | None:
         """The problem whose noise is what a fit leaves; None where that is no number."""
-        square = float(run_errors(channel, problem, left_by).mean())
+        square = float(squares_of_bins(channel, left_by.residual).mean())
         if not np.isfinite(square):
             return None
         share = channel.count * readings.mean() / np.maximum(readings, 1)

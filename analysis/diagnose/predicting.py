@@ -17,23 +17,27 @@ from shockrig.analysis.estimate.fit import Fit
 from shockrig.analysis.estimate.predictive import BUMP_COUNT, bumps, no_surer, score
 from shockrig.files.diagnosis_data import Discovered
 
-MOST_PREDICTING = 12  # models that are tried beside the stated and the plain one
+MOST_PREDICTING = 12  # models of each of two orders that are tried beside the stated and the plain one
 # Nats that are not worth more than a bare mention (Kass and Raftery 1995, doi 10.1080/01621459.1995.10476572): models
 # that far apart predict alike.
 AS_GOOD = 1.0
 
 
 def predicting_model(ready: Prepared, found: Search, stands: Predicting, shown: tuple[Discovered, ...]) -> Predicting:
-    """The model that predicts best: of those that leave least of their runs for what they take, and the stated and the
-    plain one, each fitted as it is judged, the one that then leaves least; the stated one as it stands where runs tell
-    no more of any.
+    """The model that predicts best: of the heaviest, of those that leave least of their runs for what they take, and
+    the stated and the plain one, each fitted as it is judged, the one that then leaves least; the stated one as it
+    stands where runs tell no more of any.
 
     A name has to be sure, a prediction only good: models whose effects say nothing may predict as well. And no name
-    asks what a run would do that nobody has seen: it has none of the rates that runs have of their own.
+    asks what a run would do that nobody has seen: it has none of the rates that runs have of their own. At those,
+    every model leaves as little that says of what rates depend on; beside noise that is small, weight tells nothing of
+    what a model is wrong by. So both orders are asked.
     """
     problem, channel = ready.problem, ready.problem.channel
-    first = sorted((one for one, _ in found.predictors), key=lambda one: _criterion(channel, one.fit))
-    models = {id(one): one for one in (found.best, found.plain, *first[:MOST_PREDICTING])}
+    heaviest = [one for one, _ in found.predictors]
+    least_left = sorted(heaviest, key=lambda one: _criterion(channel, one.fit))
+    firsts = *heaviest[:MOST_PREDICTING], *least_left[:MOST_PREDICTING]
+    models = {id(one): one for one in (found.best, found.plain, *firsts)}
     tried = [(one, judged) for one in models.values() if (judged := as_judged(problem, one.fit)) is not None]
     left = [float(run_errors(channel, problem, judged).mean()) for _, judged in tried]
     before, least = float(run_errors(channel, problem, found.best.fit).mean()), min(left, default=np.inf)
