@@ -52,7 +52,7 @@ Screened = tuple[Candidate, Starts, float]  # with what the best start promises 
 Earlier = Mapping[str, Mapping[str, float]]  # effects that an earlier search of the same runs ended with: parameters
 
 # How many candidates are begun, go on, and are fitted to their ends at each step: what a campaign may cost.
-BEGUN_COUNT, RUNNING_COUNT, FINISHED_COUNT = 16, 8, 3
+BEGUN_COUNT, RUNNING_COUNT, FINISHED_COUNT = 12, 5, 2
 STARTS_EACH = 2  # of a candidate, the best to first order
 QUICK_STEPS, FURTHER_STEPS, WHOLE_STEPS = 3, 5, 25  # steps of Gauss and Newton
 MOST_EFFECTS, A_PAIR = 6, 2
@@ -61,7 +61,7 @@ SMALLEST_DISCREPANCY = 1e-6  # discrepancy that is none
 FAR_DISCREPANCY = 0.005  # discrepancy, as a share of the step, from which the runs' deviations mean little
 WITHIN_REACH = 3.0  # nats that a candidate's promise to first order may lack and that its fit may bring
 MOST_MODELS = 80  # of the pool that are weighed: the best
-MOST_FITS = 600
+MOST_FITS = 300
 
 
 @dataclass(frozen=True)
