@@ -110,8 +110,8 @@ RULES = (
     Rule(
         "far", "from a plainly wrong model fits begin anew", {f"{S}FAR_DISCREPANCY": INF, f"{S}plainly_wrong": _never}
     ),
-    Rule("begun", "16 candidates are begun; instead: 8", {f"{S}BEGUN_COUNT": 8}),
-    Rule("finished", "three are carried to the end; instead: one", {f"{S}FINISHED_COUNT": 1}),
+    Rule("begun", "12 candidates are begun; instead: 6", {f"{S}BEGUN_COUNT": 6}),
+    Rule("finished", "two are carried to the end; instead: one", {f"{S}FINISHED_COUNT": 1}),
     Rule("starts", "two starts each; instead: one", {f"{S}STARTS_EACH": 1}),
     Rule("nudges", "fits from beside where one ended", {f"{R}_nudged": _nothing}),
     Rule("unstuck", "runs stuck before a step are moved", {f"{R}unstuck": _second}),
