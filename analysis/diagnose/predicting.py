@@ -10,7 +10,7 @@ from shockrig.analysis.characterize.shifts import widened
 from shockrig.analysis.diagnose.diagnosed import Predicting
 from shockrig.analysis.diagnose.gain import LEAST_SQUARE, as_judged, carried, run_errors, squares_of_bins
 from shockrig.analysis.diagnose.prepare import Prepared
-from shockrig.analysis.diagnose.search import Search
+from shockrig.analysis.diagnose.search import SIMPLE, Search
 from shockrig.analysis.diagnose.stated_effects import causes_in, forms_in
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import Fit
@@ -36,7 +36,8 @@ def predicting_model(ready: Prepared, found: Search, stands: Predicting, shown: 
     problem, channel = ready.problem, ready.problem.channel
     heaviest = [one for one, _ in found.predictors]
     least_left = sorted(heaviest, key=lambda one: _criterion(channel, one.fit))
-    firsts = *heaviest[:MOST_PREDICTING], *least_left[:MOST_PREDICTING]
+    simple = (one for one in heaviest if one.ids - found.plain.ids <= SIMPLE)
+    firsts = *heaviest[:MOST_PREDICTING], *least_left[:MOST_PREDICTING], *simple
     models = {id(one): one for one in (found.best, found.plain, *firsts)}
     tried = [(one, judged) for one in models.values() if (judged := as_judged(problem, one.fit)) is not None]
     left = [float(run_errors(channel, problem, judged).mean()) for _, judged in tried]

@@ -62,6 +62,7 @@ FAR_DISCREPANCY = 0.005  # discrepancy, as a share of the step, from which the r
 WITHIN_REACH = 3.0  # nats that a candidate's promise to first order may lack and that its fit may bring
 MOST_MODELS = 80  # of the pool that are weighed: the best
 MOST_FITS = 300
+SIMPLE = frozenset({"body_lumped", "series_lag", "parallel_lag", "calibration_error"})  # of the simplest response models
 
 
 @dataclass(frozen=True)
@@ -536,6 +537,7 @@ def search(
     plain = race.keep(race.rated(plain_fit(problem, base)))
     entries = [one for one in among if one.form is None]
     forms = [one for one in among if one.form is not None]
+    _try_simple(race, plain, entries)
     # What takes several effects may be the law of a single one that nobody listed. One beside which nothing gains is
     # the whole of it, unless two that are listed are better.
     law = race.with_one(plain, forms)
@@ -557,6 +559,20 @@ def search(
         for effect in sorted(named.ids - race.fixed):
             race.forward(race.without(named, effect), forms)
     return _weighed(race, plain)
+
+
+def _try_simple(race: Race, plain: Rated, entries: Sequence[Candidate]) -> None:
+    """Put into the pool what one would fit without a catalogue: one lag, two in series or in parallel, and beside a
+    reference each with a calibration line."""
+    own = {one.effect.id: one for one in entries if one.effect.id in SIMPLE}
+
+    def extended(near: Rated | None, effect: str) -> Rated | None:
+        return race.forward(near, [own[effect]]) if near is not None and effect in own else None
+
+    lag = plain if race.problem.channel.body == "lumped" else extended(plain, "body_lumped")
+    bodies = (plain, lag, extended(lag, "series_lag"), extended(lag, "parallel_lag"))
+    for body in bodies if race.problem.channel.measured.any() else ():
+        extended(body, "calibration_error")
 
 
 def _from_runner_up(race: Race, named: Rated, entries: Sequence[Candidate]) -> Rated:
