@@ -249,6 +249,6 @@ def test_a_signal_ends_all_processes_with_one_line_and_leaves_nothing(tmp_path, 
         finally:
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
-    assert process.returncode == code and printed == ""
+    assert (process.returncode, printed) == (code, ""), errors
     assert "Traceback" not in errors and (code != 130 or errors.splitlines()[-1].endswith("stopped by Ctrl-C"))
     assert [path.name for path in tmp_path.iterdir()] == ["bead"]
