@@ -62,7 +62,8 @@ FAR_DISCREPANCY = 0.005  # discrepancy, as a share of the step, from which the r
 WITHIN_REACH = 3.0  # nats that a candidate's promise to first order may lack and that its fit may bring
 MOST_MODELS = 80  # of the pool that are weighed: the best
 MOST_FITS = 300
-SIMPLE = frozenset({"body_lumped", "series_lag", "parallel_lag", "calibration_error"})  # of the simplest response models
+# Effects of the response models that one would fit without a catalogue.
+SIMPLE = frozenset({"body_lumped", "series_lag", "parallel_lag", "calibration_error"})
 
 
 @dataclass(frozen=True)

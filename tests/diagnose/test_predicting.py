@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 from foreign_lab import Arrival, Lab, LabLogger, LabRun, Written, make_body, record
+from small_worlds import record as record_small
 
+from shockrig.analysis.diagnose import predicting
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.extended import extended_result
 from shockrig.analysis.diagnose.gain import plainly, run_errors
@@ -11,7 +13,9 @@ from shockrig.analysis.diagnose.prepare import prepare
 from shockrig.analysis.diagnose.thresholds import THRESHOLDS, DiagnosisThreshold
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.report.diagnosis_words import predicting_sentence
+from shockrig.analysis.diagnose.search import Race, search
 from shockrig.files.campaign import read_campaign
+from shockrig.rig.virtual.truth import Hidden
 
 
 @pytest.fixture(scope="module")
@@ -53,3 +57,20 @@ def test_an_effect_that_is_not_sure_enough_to_be_named_predicts_all_the_same(cha
     assert carried and set(carried) == found.predicting.model.ids
     said = predicting_sentence(found)
     assert all(effect.replace("_", " ") in said for effect in carried) and said.endswith(" K.")
+
+
+def test_what_rates_depend_on_predicts_though_runs_with_rates_of_their_own_hide_it(tmp_path, monkeypatch):
+    """Where each run may be as fast as it is, a film that the airflow wears leaves no less than none."""
+    campaign = record_small(tmp_path / "campaign", 3, [Hidden("convective_film", {"biot_at_5_m_s": 0.03})])
+    monkeypatch.setitem(THRESHOLDS, "named", DiagnosisThreshold(1.1, "no effect is ever as probable"))
+    monkeypatch.setattr(predicting, "MOST_PREDICTING", 1)
+    found = diagnose_channel(build_channel(campaign, "temperature"), describing=False)
+    assert found.causes == () and "convective_film" in found.predicting.model.ids
+
+
+def test_what_one_would_fit_is_tried_whatever_else_the_search_begins(channels, monkeypatch):
+    """A lump that is said to be a sphere, and one with another lag before it."""
+    monkeypatch.setattr(Race, "grown", lambda self, current, *_: current)
+    problem = prepare(channels[0]).problem
+    tried = {one.ids for one, _ in search(problem, describing=False).predictors}
+    assert {"body_lumped"} in tried and {"body_lumped", "series_lag"} in tried
