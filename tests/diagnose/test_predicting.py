@@ -10,10 +10,10 @@ from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.extended import extended_result
 from shockrig.analysis.diagnose.gain import plainly, run_errors
 from shockrig.analysis.diagnose.prepare import prepare
+from shockrig.analysis.diagnose.search import Race, search
 from shockrig.analysis.diagnose.thresholds import THRESHOLDS, DiagnosisThreshold
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.report.diagnosis_words import predicting_sentence
-from shockrig.analysis.diagnose.search import Race, search
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.truth import Hidden
 
