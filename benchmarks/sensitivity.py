@@ -83,7 +83,7 @@ def campaign(seed: int, hidden: Sequence[Hidden]) -> Campaign:
     """A campaign of a seed, recorded where it is not there yet."""
     rng = np.random.default_rng(seed)
     truth = draw_truth(rng, "rough", hidden)
-    path = _folder() / "-".join([str(seed), *(one.effect for one in hidden)])
+    path = _folder() / f"{seed}-{hash(repr([*hidden]))}"
     if not path.exists():
         simulate_campaign(truth, standard_plan(), rng, path)
     return read_campaign(path)

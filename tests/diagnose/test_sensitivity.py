@@ -3,6 +3,8 @@
 import pytest
 from benchmark_scripts import benchmark
 
+from shockrig.rig.virtual.truth import Hidden
+
 
 def test_every_number_whose_sensitivity_is_counted_is_there_and_is_itself_again_afterwards():
     sensitivity, rules = benchmark("sensitivity"), benchmark("ablation_rules")
@@ -26,3 +28,14 @@ def test_a_hum_is_seen_as_it_is_and_not_where_it_takes_more_plateaus_than_there_
     with rules.without(sensitivity.changed("diagnose.restless.FEWEST_PLATEAUS", 100.0)):
         (other,) = sensitivity.hums(48002)
     assert usual["right"] and usual["said"][0] and other["said"][0] == [] and not other["right"]
+
+
+def test_campaigns_of_a_seed_that_hide_an_effect_of_other_sizes_are_two(tmp_path, monkeypatch):
+    """Before: what a logger does to one channel was judged on a campaign that hid it in another."""
+    sensitivity = benchmark("sensitivity")
+    monkeypatch.setattr(sensitivity, "_folder", lambda: tmp_path)
+    fine, coarse = (
+        sensitivity.campaign(48003, [Hidden("quantization", {"step": step}, ("temperature",))]).path
+        for step in (0.05, 0.5)
+    )
+    assert (fine / "runs/0001/imet.csv").read_text() != (coarse / "runs/0001/imet.csv").read_text()
