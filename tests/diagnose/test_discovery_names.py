@@ -8,6 +8,7 @@ import pytest
 from small_worlds import record, small_plan
 
 from shockrig.analysis.characterize.part_fit import extension_of
+from shockrig.analysis.diagnose import grammar
 from shockrig.analysis.diagnose.adequacy import judge
 from shockrig.analysis.diagnose.candidates import candidates
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
@@ -346,5 +347,7 @@ def test_a_gain_about_a_zero_that_depends_on_airflow_is_the_sensors_and_said_to_
     assert zero.of_sensor and zero.in_flight.left
 
 
-def test_every_behaviour_is_computed_and_may_stand_in_a_file_and_has_words():
+def test_every_behaviour_is_computed_and_looked_for_and_may_stand_in_a_file_and_has_words():
+    looked_for = {form.partition("|")[0] for listed in grammar.BASES.values() for form in listed.split()}
+    assert looked_for == {*behaviours.BEHAVIOURS}
     assert {*behaviours.BEHAVIOURS, "bursts"} == {*diagnosis_data.BEHAVIOURS} == {*diagnosis_words.BEHAVIOURS}
