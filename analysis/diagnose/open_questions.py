@@ -23,7 +23,7 @@ def left_open(found: Search, final: Fit) -> tuple[str, ...]:
         f"The runs differ in how fast they are by some {final.rate_scatter:.0%}, and nothing that was named says why: "
         "see that all are of one sensor, in one airflow.": final.rate_scatter > level("rate_scatter"),
         f"The search ended at its limit of work, after {found.fits} fits: what it had reached by then is judged, and "
-        "more may be there. Diagnose again with --from this diagnosis to go on from there.": found.ended_early,
+        "more may be there, or something else that explains the runs as well.": found.ended_early,
     }
     return tuple(sentence for sentence, holds in said.items() if holds)
 

@@ -61,7 +61,13 @@ def test_a_search_has_an_end(ready, cold, monkeypatch, limit):
     assert limit <= found.fits < min(limit + 120, cold.fits)
     assert found.weights.sum() == pytest.approx(1.0) and found.best is found.pool[0]
     (said,) = left_open(found, found.best.fit)
-    assert f"ended at its limit of work, after {found.fits} fits" in said and "--from" in said
+    assert f"ended at its limit of work, after {found.fits} fits" in said
+    # One that begins with what it named comes no further, and is not advised.
+    named = {
+        effect: {name: value for name, (value, _) in own.items()} for effect, own in found.best.fit.values().items()
+    }
+    again = searching.search(ready.problem, ready.structure, named, describing=False)
+    assert again.ended_early and again.best.ids == found.best.ids and "--from" not in said
 
 
 def test_a_search_that_ends_by_itself_says_nothing_of_its_limit(cold):
