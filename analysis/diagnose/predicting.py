@@ -24,9 +24,9 @@ AS_GOOD = 1.0
 
 
 def predicting_model(ready: Prepared, found: Search, stands: Predicting, shown: tuple[Discovered, ...]) -> Predicting:
-    """The model that predicts best: of the heaviest, of those that leave least of their runs for what they take, and
-    the stated and the plain one, each fitted as it is judged, the one that then leaves least; the stated one as it
-    stands where runs tell no more of any.
+    """The model that predicts best: of the heaviest, of those that leave least of their runs for what they take, of
+    what one would fit without a catalogue, and the stated and the plain one, each fitted as it is judged, the one that
+    then leaves least; the stated one as it stands where runs tell no more of any.
 
     A name has to be sure, a prediction only good: models whose effects say nothing may predict as well. And no name
     asks what a run would do that nobody has seen: it has none of the rates that runs have of their own. At those,

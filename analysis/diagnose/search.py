@@ -563,8 +563,8 @@ def search(
 
 
 def _try_simple(race: Race, plain: Rated, entries: Sequence[Candidate]) -> None:
-    """Put into the pool what one would fit without a catalogue: one lag, two in series or in parallel, and beside a
-    reference each with a calibration line."""
+    """Try what one would fit without a catalogue, as far as it is a candidate: one lag, two in series or in parallel,
+    and beside a reference each with a calibration line."""
     own = {one.effect.id: one for one in entries if one.effect.id in SIMPLE}
 
     def extended(near: Rated | None, effect: str) -> Rated | None:
