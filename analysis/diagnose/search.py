@@ -61,7 +61,7 @@ SMALLEST_DISCREPANCY = 1e-6  # discrepancy that is none
 FAR_DISCREPANCY = 0.005  # discrepancy, as a share of the step, from which the runs' deviations mean little
 WITHIN_REACH = 3.0  # nats that a candidate's promise to first order may lack and that its fit may bring
 MOST_MODELS = 80  # of the pool that are weighed: the best
-MOST_FITS = 300
+MOST_FITS = 600
 # Effects of the response models that one would fit without a catalogue.
 SIMPLE = frozenset({"body_lumped", "series_lag", "parallel_lag", "calibration_error"})
 
