@@ -28,6 +28,7 @@ from shockrig.analysis.diagnose.candidates import (
 from shockrig.analysis.diagnose.grammar import splits
 from shockrig.analysis.diagnose.refitting import begun_anew, plain_fit, rate_shift, refit
 from shockrig.analysis.diagnose.thresholds import level
+from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.effects.forms import (
     ONLY_BEFORE,
@@ -62,8 +63,7 @@ FAR_DISCREPANCY = 0.005  # discrepancy, as a share of the step, from which the r
 WITHIN_REACH = 3.0  # nats that a candidate's promise to first order may lack and that its fit may bring
 MOST_MODELS = 80  # of the pool that are weighed: the best
 MOST_FITS = 600
-# Effects of the response models that one would fit without a catalogue.
-SIMPLE = frozenset({"body_lumped", "series_lag", "parallel_lag", "calibration_error"})
+SIMPLE = frozenset(effect.id for effect in CATALOGUE.values() if effect.candidacy.simple)
 
 
 @dataclass(frozen=True)
@@ -565,15 +565,12 @@ def search(
 def _try_simple(race: Race, plain: Rated, entries: Sequence[Candidate]) -> None:
     """Try what one would fit without a catalogue, as far as it is a candidate: one lag, two in series or in parallel,
     and beside a reference each with a calibration line."""
-    own = {one.effect.id: one for one in entries if one.effect.id in SIMPLE}
-
-    def extended(near: Rated | None, effect: str) -> Rated | None:
-        return race.forward(near, [own[effect]]) if near is not None and effect in own else None
-
-    lag = plain if race.problem.channel.body == "lumped" else extended(plain, "body_lumped")
-    bodies = (plain, lag, extended(lag, "series_lag"), extended(lag, "parallel_lag"))
-    for body in bodies if race.problem.channel.measured.any() else ():
-        extended(body, "calibration_error")
+    own = {role: [one for one in entries if one.effect.candidacy.simple == role] for role in ("body", "lag", "line")}
+    lumps = [plain] if race.problem.channel.body == "lumped" else [race.forward(plain, [one]) for one in own["body"]]
+    lags = [race.forward(lump, [one]) for lump in lumps if lump is not None for one in own["lag"]]
+    for response in (plain, *lumps, *lags) if race.problem.channel.measured.any() else ():
+        for line in own["line"] if response is not None else ():
+            race.forward(response, [line])
 
 
 def _from_runner_up(race: Race, named: Rated, entries: Sequence[Candidate]) -> Rated:

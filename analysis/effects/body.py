@@ -60,6 +60,7 @@ def _other_body(name: str) -> Effect:
             excludes=frozenset(f"body_{other}" for other in BODIES if other != name)
             | ({"sheath"} if name == "lumped" else set()),
             shape=True,
+            simple="body" if name == "lumped" else "",
         ),
         in_flight=InFlight(body=name),
     )
@@ -220,7 +221,7 @@ PARALLEL_LAG = Effect(
         lambda channel: not channel.conditions.airflow_known.all() or channel.runs == 1,
     ),
     start=Start(mirrors=True),
-    candidacy=Candidacy(shape=True),
+    candidacy=Candidacy(shape=True, simple="lag"),
     in_flight=LATE_IN_FLIGHT,
 )
 

@@ -154,7 +154,7 @@ SERIES_LAG = Effect(
         ),
         "Take off cap or sheath for a comparison, or fly with it on: the profile has it in.",
     ),
-    candidacy=Candidacy(rare=lambda channel: channel.known_sensor, shape=True, refused=_before_nothing),
+    candidacy=Candidacy(rare=lambda channel: channel.known_sensor, shape=True, refused=_before_nothing, simple="lag"),
     in_flight=InFlight(series_s=lambda p: p["time_constant_s"]),
 )
 

@@ -181,7 +181,9 @@ CALIBRATION_ERROR = Effect(
         lambda channel: bool((channel.conditions.airs_known | channel.measured).all()),
     ),
     start=Start(always=True),
-    candidacy=Candidacy(refused=lambda channel, values, bare: _no_more_than_the_references(channel, values)),
+    candidacy=Candidacy(
+        refused=lambda channel, values, bare: _no_more_than_the_references(channel, values), simple="line"
+    ),
     in_flight=InFlight(
         undo=lambda p, reading, stream, length: (reading - p.get("offset", 0.0)) / (1.0 + p.get("gain", 0.0))
     ),

@@ -223,6 +223,9 @@ class Candidacy:
     refused : (channel, {parameter: value}, bare) -> bool
         True where a fit that ends there is no finding, whatever it gains; `bare()` is what the same fit would read
         (R, n) without the effect, in the airs as they were stated.
+    simple : str
+        What it is in the response models that one would fit without a catalogue: the "body" with one lag, a "lag" more,
+        or the "line" that readings lie on; empty for what is in none of them.
     """
 
     rare: Callable[[Channel], bool] | None = None
@@ -230,6 +233,7 @@ class Candidacy:
     beside: frozenset[str] = frozenset()
     shape: bool = False
     refused: Callable[[Channel, Values, Callable[[], Array]], bool] | None = None
+    simple: Literal["body", "lag", "line", ""] = ""
 
 
 @dataclass(frozen=True)
