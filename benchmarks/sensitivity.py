@@ -21,7 +21,9 @@ mean). A number at which nothing changes is one to leave out. With --out it can 
 from __future__ import annotations
 
 import argparse
+import atexit
 import functools
+import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
@@ -76,7 +78,9 @@ AS_IT_IS = "as it is"
 
 @functools.cache
 def _folder() -> Path:
-    return Path(tempfile.mkdtemp(prefix="sensitivity"))
+    folder = tempfile.mkdtemp(prefix="sensitivity")
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder)
 
 
 def campaign(seed: int, hidden: Sequence[Hidden]) -> Campaign:
