@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import importlib.machinery
+import importlib
 import io
 import os
 import signal
@@ -58,6 +58,7 @@ COMMANDS = {
 
 LONGEST_MESSAGE = 800
 AGAIN_S = 0.05  # after which a signal is sent again
+LOADER = "<frozen importlib._bootstrap>"  # file of the frames that load a module
 OPTIONS = ("-h", "--help", "--version", "--print-completion")  # of shockrig itself
 SHELLS = ("bash", "zsh", "tcsh")
 # Matrices here are small: threads of a linear algebra library would wait for one another. Read when NumPy is imported.
@@ -193,9 +194,9 @@ def ended_by_signals(by_ctrl_c: bool = False) -> Iterator[None]:
     """SIGTERM and a closed terminal end a command as an exception does, so that it clears away what is half done.
 
     An exception that a signal raises in the middle of a deletion is dropped by Python, and in the middle of loading a
-    compiled library it comes out as that library's own error: the signal is then sent again. What is ignored (nohup)
-    stays so, and a program that calls `main` keeps handlers of its own. `by_ctrl_c`: save for SIGINT, which everything
-    ignores that a script starts in the background, where a command is to be ended by it.
+    module it may come out as another error (of a compiled library, of a class that is made): the signal is sent again.
+    What is ignored (nohup) stays so, and a program that calls `main` keeps handlers of its own. `by_ctrl_c`: save for
+    SIGINT, which everything ignores that a script starts in the background, where a command is to be ended by it.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -217,7 +218,7 @@ def ended_by_signals(by_ctrl_c: bool = False) -> Iterator[None]:
 
 
 def _end(number: int, frame: FrameType | None) -> None:
-    if _loads_a_library(frame):
+    if _loads_a_module(frame):
         _send_again(number)
     elif number == signal.SIGINT:
         raise KeyboardInterrupt
@@ -225,9 +226,10 @@ def _end(number: int, frame: FrameType | None) -> None:
         raise SystemExit(128 + number)
 
 
-def _loads_a_library(frame: FrameType | None) -> bool:
-    while frame is not None:
-        if isinstance(frame.f_locals.get("self"), importlib.machinery.ExtensionFileLoader):
+def _loads_a_module(frame: FrameType | None) -> bool:
+    """Whether one is being loaded within a command, and not what has called it."""
+    while frame is not None and frame.f_code is not main.__code__:
+        if frame.f_code.co_filename == LOADER:
             return True
         frame = frame.f_back
     return False
