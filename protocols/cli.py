@@ -20,7 +20,7 @@ from shockrig.protocols.parser import Parser, meant_or
 TYPE_CHECKING = False  # as in shockrig/__init__.py
 if TYPE_CHECKING:
     from types import FrameType
-    from typing import Any
+    from typing import Any, NoReturn
 
 # command -> (module in protocols.commands, what it does)
 COMMANDS = {
@@ -58,6 +58,7 @@ COMMANDS = {
 
 LONGEST_MESSAGE = 800
 AGAIN_S = 0.05  # after which a signal is sent again
+_waiting: list[int] = []  # signals that are to be sent again
 LOADER = "<frozen importlib._bootstrap>"  # file of the frames that load a module
 OPTIONS = ("-h", "--help", "--version", "--print-completion")  # of shockrig itself
 SHELLS = ("bash", "zsh", "tcsh")
@@ -209,8 +210,14 @@ def ended_by_signals(by_ctrl_c: bool = False) -> Iterator[None]:
     for number in ours:
         signal.signal(number, _end)
     before, sys.unraisablehook = sys.unraisablehook, _sent_again
+    _waiting.clear()
     try:
         yield
+    except Exception:
+        # Processes beside this one have ended by the same signal meanwhile: what comes of that is no error.
+        if _waiting:
+            _raise(_waiting[0])
+        raise
     finally:
         sys.unraisablehook = before
         for number, handler in ours.items():
@@ -220,10 +227,14 @@ def ended_by_signals(by_ctrl_c: bool = False) -> Iterator[None]:
 def _end(number: int, frame: FrameType | None) -> None:
     if _loads_a_module(frame):
         _send_again(number)
-    elif number == signal.SIGINT:
-        raise KeyboardInterrupt
     else:
-        raise SystemExit(128 + number)
+        _raise(number)
+
+
+def _raise(number: int) -> NoReturn:
+    if number == signal.SIGINT:
+        raise KeyboardInterrupt from None
+    raise SystemExit(128 + number) from None
 
 
 def _loads_a_module(frame: FrameType | None) -> bool:
@@ -247,6 +258,7 @@ def _sent_again(dropped: sys.UnraisableHookArgs) -> None:
 
 
 def _send_again(number: int) -> None:
+    _waiting.append(number)
     again = threading.Timer(AGAIN_S, os.kill, (os.getpid(), number))
     again.daemon = True
     again.start()

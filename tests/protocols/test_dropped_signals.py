@@ -1,12 +1,13 @@
 """Ctrl-C and SIGTERM where Python drops what they raise, or takes it for another error, still end a command."""
 
+import contextlib
 import importlib
 import signal
 import time
 
 import pytest
 
-from shockrig.protocols.cli import ended_by_signals
+from shockrig.protocols.cli import AGAIN_S, ended_by_signals
 
 pytestmark = pytest.mark.elsewhere
 
@@ -52,6 +53,17 @@ def test_a_signal_waits_until_a_module_is_loaded(number, raised, monkeypatch, tm
         loaded.append(importlib.import_module(name))
         time.sleep(600)
     assert loaded
+
+
+def test_what_another_process_ends_with_meanwhile_is_no_error(monkeypatch, tmp_path):
+    """Ctrl-C reaches all processes of a command: those beside one that loads a module end at once."""
+    (tmp_path / "takes_signal.py").write_text(MODULE.format(number=int(signal.SIGINT)))
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(KeyboardInterrupt), ended_by_signals():
+        importlib.import_module("takes_signal")
+        raise OSError("got end of file during message")
+    with contextlib.suppress(KeyboardInterrupt):
+        time.sleep(10 * AGAIN_S)  # what is sent again comes
 
 
 def test_what_else_is_dropped_is_said(capfd):
