@@ -58,7 +58,7 @@ COMMANDS = {
 
 LONGEST_MESSAGE = 800
 AGAIN_S = 0.05  # after which a signal is sent again
-_waiting: list[int] = []  # signals that are to be sent again
+_waiting: dict[int, threading.Timer] = {}  # signals that are to be sent again, and by what
 LOADER = "<frozen importlib._bootstrap>"  # file of the frames that load a module
 OPTIONS = ("-h", "--help", "--version", "--print-completion")  # of shockrig itself
 SHELLS = ("bash", "zsh", "tcsh")
@@ -210,13 +210,12 @@ def ended_by_signals(by_ctrl_c: bool = False) -> Iterator[None]:
     for number in ours:
         signal.signal(number, _end)
     before, sys.unraisablehook = sys.unraisablehook, _sent_again
-    _waiting.clear()
     try:
         yield
+        _end_by_waiting()
     except Exception:
         # Processes beside this one have ended by the same signal meanwhile: what comes of that is no error.
-        if _waiting:
-            _raise(_waiting[0])
+        _end_by_waiting()
         raise
     finally:
         sys.unraisablehook = before
@@ -231,7 +230,15 @@ def _end(number: int, frame: FrameType | None) -> None:
         _raise(number)
 
 
+def _end_by_waiting() -> None:
+    """End by a signal that is still to be sent again: behind the command it would meet handlers of the caller's."""
+    if _waiting:
+        _raise(next(iter(_waiting)))
+
+
 def _raise(number: int) -> NoReturn:
+    if (again := _waiting.pop(number, None)) is not None:
+        again.cancel()
     if number == signal.SIGINT:
         raise KeyboardInterrupt from None
     raise SystemExit(128 + number) from None
@@ -258,8 +265,7 @@ def _sent_again(dropped: sys.UnraisableHookArgs) -> None:
 
 
 def _send_again(number: int) -> None:
-    _waiting.append(number)
-    again = threading.Timer(AGAIN_S, os.kill, (os.getpid(), number))
+    again = _waiting[number] = threading.Timer(AGAIN_S, os.kill, (os.getpid(), number))
     again.daemon = True
     again.start()
 

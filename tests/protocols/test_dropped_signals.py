@@ -1,6 +1,5 @@
 """Ctrl-C and SIGTERM where Python drops what they raise, or takes it for another error, still end a command."""
 
-import contextlib
 import importlib
 import signal
 import time
@@ -62,8 +61,17 @@ def test_what_another_process_ends_with_meanwhile_is_no_error(monkeypatch, tmp_p
     with pytest.raises(KeyboardInterrupt), ended_by_signals():
         importlib.import_module("takes_signal")
         raise OSError("got end of file during message")
-    with contextlib.suppress(KeyboardInterrupt):
-        time.sleep(10 * AGAIN_S)  # what is sent again comes
+    time.sleep(4 * AGAIN_S)  # nothing comes once more
+
+
+def test_a_signal_that_waits_when_a_command_is_done_ends_it(monkeypatch, tmp_path):
+    """Before: it came behind the command, whose handlers were gone by then."""
+    (tmp_path / "takes_another.py").write_text(MODULE.format(number=int(signal.SIGTERM)))
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(SystemExit) as ended, ended_by_signals():
+        importlib.import_module("takes_another")
+    time.sleep(4 * AGAIN_S)
+    assert ended.value.code == 128 + signal.SIGTERM
 
 
 def test_what_else_is_dropped_is_said(capfd):
