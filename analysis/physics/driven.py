@@ -71,7 +71,7 @@ def respond(
         raise ValueError("a trace needs one or more times, and a finite value at each of them")
     if not (np.diff(time) >= 0).all():
         raise ValueError("the times of a trace must not fall")
-    at = np.asarray(at_s, dtype=float)
+    at, modes = np.asarray(at_s, dtype=float), modes.ascending()
     if samples > 1:
         spread = (at[..., None] - period_s * np.arange(samples)).reshape(*at.shape[:-1], -1)
         found = _respond(modes, time, value, spread, settled_to)

@@ -11,6 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+try:
+    from shockrig.analysis.physics import _sums
+except ImportError:  # not built: the same in NumPy
+    _sums = None  # type: ignore[assignment]
+
 Array = NDArray[np.float64]
 
 DIED_OUT = 20.0  # exp(-20) of a mode is nothing
@@ -28,7 +33,7 @@ class Modes:
     Attributes
     ----------
     amplitude, rate : ndarray, shape (..., K)
-        Amplitudes [1] and rates [1/s], ascending in k; leading axes broadcast (candidates, runs).
+        Amplitudes [1] and rates [1/s]; leading axes broadcast (candidates, runs).
     """
 
     amplitude: Array
@@ -37,6 +42,12 @@ class Modes:
     def scaled(self, per_second: ArrayLike) -> Modes:
         """Modes with dimensionless rates multiplied by alpha/R^2 or D/L^2 [1/s] (shape of the leading axes)."""
         return Modes(self.amplitude, self.rate * np.asarray(per_second, dtype=float)[..., None])
+
+    def ascending(self) -> Modes:
+        """The same modes with rates ascending in k."""
+        amplitude, rate = np.broadcast_arrays(self.amplitude, self.rate)
+        order = np.argsort(rate, axis=-1, kind="stable")
+        return Modes(np.take_along_axis(amplitude, order, -1), np.take_along_axis(rate, order, -1))
 
     def step(self, t: Array, *, samples: int = 1, period_s: float = 1.0) -> Array:
         """Response at times t [s] (shape (..., n)) to a unit step at 0."""
@@ -112,34 +123,23 @@ class Modes:
         amplitude = np.asarray(self.amplitude * weight)
         first, samples = readings.first, readings.samples
         lead = np.broadcast_shapes(first.shape[:-1], self.rate.shape[:-1], amplitude.shape[:-1])
-        total = np.zeros((*lead, first.shape[-1]))
+        total = np.empty((*lead, first.shape[-1]))
         series = amplitude if samples == 1 else amplitude * _geometric(-self.rate * readings.period_s, samples)
-        # Columns are cut into blocks of similar need, so that late times cost a few exponentials and early ones many.
-        slowest = self.rate.reshape(-1, self.rate.shape[-1]).min(axis=0)
-        earliest = first.reshape(-1, first.shape[-1]).min(axis=0)
-        died_out = DIED_OUT + np.log(max(np.abs(amplitude).max(initial=0.0), 1.0))  # lags in series have large ones
-        need = np.searchsorted(slowest, died_out / np.maximum(earliest, 1e-9), side="right")
-        need = 2 ** np.ceil(np.log2(need.clip(1, slowest.size))).astype(int)
-        need[np.isinf(earliest)] = 0  # half of a run's columns lie before its transfer
+        (plain if _sums is None else compiled)(first, self.rate, series, total)
         partial = np.flatnonzero(readings.partial())
-        need[partial] = 0
-        for kept in np.unique(need[need > 0]):
-            columns = _slice(np.flatnonzero(need == kept))
-            decay = first[..., columns, None] * -self.rate[..., None, :kept]
-            total[..., columns] = _weighted(np.exp(decay, out=decay), series[..., :kept])
         if partial.size:
             steps = -self.rate * readings.period_s
-            alone = int(np.searchsorted(slowest * readings.period_s, 2 * DIED_OUT))  # faster ones see one reading only
+            fast = _slowest(self.rate) * readings.period_s > 2 * DIED_OUT  # these see one reading only
             first, count = first[..., partial], readings.count[..., partial, None]
             # Evenly sampled columns begin equally long after the instant: each such time is evaluated once.
             other = ~np.isclose(first[..., 1:], first[..., :-1], rtol=0.0, atol=ALIKE_S)
             begins = np.append(True, other.any(axis=tuple(range(other.ndim - 1))))
             which = np.cumsum(begins) - 1
             decay = np.exp(-first[..., begins, None] * self.rate[..., None, :])
-            lasting = np.expm1(count * steps[..., None, :alone])
-            lasting *= decay[..., which, :alone]
-            total[..., partial] = _weighted(decay[..., alone:], amplitude[..., alone:])[..., which]
-            total[..., partial] += _weighted(lasting, (amplitude / np.expm1(steps))[..., :alone])
+            lasting = np.expm1(count * steps[..., None, ~fast])
+            lasting *= decay[..., ~fast][..., which, :]
+            total[..., partial] = _weighted(decay[..., fast], amplitude[..., fast])[..., which]
+            total[..., partial] += _weighted(lasting, (amplitude / np.expm1(steps))[..., ~fast])
         return total
 
 
@@ -188,6 +188,42 @@ def _between(risen: _Readings, late: _Readings) -> tuple[_Readings, NDArray[np.i
     return _Readings(count, first, risen.samples, risen.period_s), columns
 
 
+def plain(first: Array, rate: Array, amplitude: Array, total: Array) -> None:
+    """Sums over k of amplitude_k exp(-rate_k first), put into `total` (..., n): what `compiled` does, in NumPy.
+
+    `first` is (..., n), rates and amplitudes are (..., K); leading axes broadcast to those of `total`. Modes that have
+    died out by then are left out.
+    """
+    # Columns are cut into blocks of similar need, so that late times cost a few exponentials and early ones many.
+    slowest, earliest = _slowest(rate), first.reshape(-1, first.shape[-1]).min(axis=0)
+    slowest = np.nan_to_num(slowest, nan=0.0)  # what is no number is not left out
+    order = np.argsort(slowest)
+    slowest, rate, amplitude = slowest[order], rate[..., order], amplitude[..., order]
+    died_out = DIED_OUT + np.log(max(np.abs(amplitude).max(initial=0.0), 1.0))  # lags in series have large ones
+    need = np.searchsorted(slowest, died_out / np.maximum(earliest, 1e-9), side="right")
+    need = 2 ** np.ceil(np.log2(need.clip(1, slowest.size))).astype(int)
+    need[np.isinf(earliest)] = 0  # half of a run's columns lie before its transfer
+    total[...] = 0.0
+    for kept in np.unique(need[need > 0]):
+        columns = _slice(np.flatnonzero(need == kept))
+        decay = first[..., columns, None] * -rate[..., None, :kept]
+        total[..., columns] = _weighted(np.exp(decay, out=decay), amplitude[..., :kept])
+
+
+def compiled(first: Array, rate: Array, amplitude: Array, total: Array) -> None:
+    """The same by sums.c."""
+    given = [np.ascontiguousarray(x, dtype=float) for x in (first, rate, amplitude)]
+    lead = total.shape[:-1]
+    begins = (np.arange(x.size // x.shape[-1]).reshape(x.shape[:-1]) * x.shape[-1] for x in given)
+    places = np.stack([np.broadcast_to(one, lead) for one in begins]).reshape(-1)
+    _sums.add_up(first.shape[-1], rate.shape[-1], places, *given, DIED_OUT, total)
+
+
+def _slowest(rate: Array) -> Array:
+    """Of each mode (K,), over candidates and runs."""
+    return np.asarray(rate.reshape(-1, rate.shape[-1]).min(axis=0))
+
+
 def _weighted(decay: Array, amplitude: Array) -> Array:
     """Sum over the last axis of `decay` (..., n, K), weighted with `amplitude` (..., K)."""
     return decay @ amplitude if amplitude.ndim == 1 else np.matmul(decay, amplitude[..., None])[..., 0]
@@ -212,7 +248,7 @@ def response_times(modes: Modes, shares: tuple[float, ...] = (0.6321205588285576
     """
     from scipy.optimize import brentq
 
-    slowest = float(modes.rate[0])
+    slowest = float(modes.rate.min())
     return tuple(
         brentq(lambda t, s=share: float(modes.step(np.array([t]))[0]) - s, 1e-9 / slowest, 40.0 / slowest, rtol=1e-10)
         for share in shares

@@ -100,6 +100,9 @@ def behind_each(first: Modes, time_constants_s: Array) -> Modes:
 def _behind(first: Modes, mu: Array) -> tuple[Array, Array, Array]:
     """Amplitudes of the modes behind a lag of rate `mu` (..., 1); amplitudes and rates of the two of the lag itself."""
     mu = _clear_of(first.rate, mu)  # (..., 2)
+    if (mu[..., 0] == mu[..., 1]).all():
+        passed = first.amplitude / (1.0 - first.rate / mu[..., :1])
+        return passed, np.repeat(-0.5 * (1.0 + passed.sum(axis=-1, keepdims=True)), 2, axis=-1), mu
     passed = first.amplitude[..., None, :] / (1.0 - first.rate[..., None, :] / mu[..., None])  # (..., 2, K)
     return passed.mean(axis=-2), -0.5 * (1.0 + passed.sum(axis=-1)), mu
 
@@ -125,12 +128,11 @@ def two_lags(first_s: ArrayLike, second_s: ArrayLike) -> Modes:
 
 
 def _joined(*parts: tuple[Array, Array]) -> Modes:
-    """Amplitudes and rates of several sums as one, rates ascending."""
+    """Amplitudes and rates of several sums as one."""
     lead = np.broadcast_shapes(*(array.shape[:-1] for part in parts for array in part))
     amplitude = np.concatenate([np.broadcast_to(a, (*lead, a.shape[-1])) for a, _ in parts], axis=-1)
     rate = np.concatenate([np.broadcast_to(r, (*lead, r.shape[-1])) for _, r in parts], axis=-1)
-    order = np.argsort(rate, axis=-1, kind="stable")
-    return Modes(np.take_along_axis(amplitude, order, -1), np.take_along_axis(rate, order, -1))
+    return Modes(amplitude, rate)
 
 
 def slowest(modes: Modes, count: int) -> Modes:
@@ -141,7 +143,8 @@ def slowest(modes: Modes, count: int) -> Modes:
     """
     if modes.rate.shape[-1] <= count:
         return modes
-    amplitude, rate = np.broadcast_arrays(modes.amplitude, modes.rate)
+    modes = modes.ascending()
+    amplitude, rate = modes.amplitude, modes.rate
     last = amplitude[..., count - 1 :].sum(axis=-1)
     lag = (amplitude[..., count - 1 :] / rate[..., count - 1 :]).sum(axis=-1)
     slow_amplitude, slow_rate = amplitude[..., :count].copy(), rate[..., :count].copy()
