@@ -158,10 +158,8 @@ def scaling(factor: str, how: str, conditions: Conditions, jumps: bool, value: A
         }[factor]
         return np.asarray(of**value)
     if how == "exponential":
-        exponent = {
-            "ambient": c.destination_c - USUAL_C,
-            "humidity": 0.5 * (c.source_percent + c.destination_percent) / 100.0 - 0.5,
-        }[factor]
+        # Of the air that the sensor is in: what it came from it still holds, and that is a matter of its own.
+        exponent = {"ambient": c.destination_c - USUAL_C, "humidity": c.destination_percent / 100.0 - 0.5}[factor]
         return np.asarray(np.exp(value * exponent))
     if is_step(how):
         return np.asarray(np.where(c.order >= int(how.removeprefix(STEP)), value, 1.0))

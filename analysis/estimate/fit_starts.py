@@ -29,7 +29,8 @@ from shockrig.analysis.physics.modes import response_times
 Array = NDArray[np.float64]
 
 RATE_BOUNDS_PER_S = (2e-4, 30.0)  # t63 of a bead from 6 ms to 14 min, of a film from 11 ms to 27 min
-RATES_TRIED = 60
+RATES_TRIED = 21  # as far apart as no response is narrow
+BETWEEN_RATES = np.array([-2.0, -1.0, 0.0, 1.0, 2.0]) / 3.0  # of these steps, tried about the best of them
 USUAL_SCATTER_S = 0.5  # of a start that was estimated
 LATE_S = np.arange(-0.8, 0.81, 0.04)  # starts that are tried beside it
 STUCK_MEAN_SQUARE = 1.7  # mean square of a run's whitened residuals from which its start is looked for anew
@@ -47,15 +48,24 @@ def rough_rates(
     choice: Mapping[str, float] | None = None,
 ) -> Array:
     """Rough ln rates (G,) from a scan, all ambients and all trial rates at once; `choice` as in `Model.start`."""
-    channel = problem.channel
     low, high = np.log(RATE_BOUNDS_PER_S)
     trials = np.linspace(max(low, LOG_RATE_BOUNDS[0]), high, RATES_TRIED)
-    model = Model(channel, structure)
-    theta = np.stack([model.start(np.full(channel.rates, trial), choice) for trial in trials])
-    begun = channel.at_rest() if deviations is None else deviations
-    squares = _left(problem, model, theta, np.stack([begun] * RATES_TRIED))
+    model = Model(problem.channel, structure)
+    begun = problem.channel.at_rest() if deviations is None else deviations
+    best = _least(problem, model, begun, choice, trials[:, None])
+    return _least(problem, model, begun, choice, best + (trials[1] - trials[0]) * BETWEEN_RATES[:, None])
+
+
+def _least(
+    problem: Problem, model: Model, deviations: Array, choice: Mapping[str, float] | None, trials: Array
+) -> Array:
+    """The trial rates (G,), among some for each ambient (B, G), that leave least of its runs."""
+    channel = problem.channel
+    trials = np.broadcast_to(trials, (len(trials), channel.rates))
+    theta = np.stack([model.start(trial, choice) for trial in trials])
+    squares = _left(problem, model, theta, np.stack([deviations] * len(trials)))
     by_group = np.stack([squares[:, channel.ambient == g].sum(axis=1) for g in range(channel.rates)], axis=1)
-    return np.asarray(trials[np.argmin(by_group, axis=0)])
+    return np.asarray(np.take_along_axis(trials, np.argmin(by_group, axis=0)[None], axis=0)[0])
 
 
 def _left(problem: Problem, model: Model, theta: Array, deviations: Array) -> Array:

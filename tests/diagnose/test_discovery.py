@@ -19,7 +19,7 @@ from shockrig.analysis.diagnose.remainder import Tolerance
 from shockrig.analysis.diagnose.search import Race, search
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.described import described, discovered_of, entry_of, is_described, stated_values
-from shockrig.analysis.effects.forms import ONLY_BEFORE, ONLY_FROM, SCATTER, SPREAD, Form, form_of
+from shockrig.analysis.effects.forms import ONLY_BEFORE, ONLY_FROM, SCATTER, SPREAD, Form, form_of, scaling
 from shockrig.analysis.estimate.effect import SLOWEST_S
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
@@ -126,6 +126,16 @@ def test_forms_do_what_their_closed_forms_say(warm_rates):
     np.testing.assert_allclose(reading(Form("rate_change", "none", trend), run_order=-0.01), ages, atol=1e-9)
     drift = Form("added_response", "none", (("history", "linear"),))
     np.testing.assert_allclose(reading(drift, size=0.2), plain + 0.2 * np.maximum(time, 0.0) / 60.0, atol=1e-12)
+
+
+def test_a_strength_goes_with_the_air_that_the_sensor_is_in(warm_rates):
+    """A film's rate by humidity was that of the mean of both airs: 17 % more wrong on a fresh campaign than by the air
+    it is in, of which the ambient's temperature was always taken."""
+    conditions = warm_rates.problem.channel.conditions
+    by = {of: scaling(of, "exponential", conditions, True, np.array([[0.04]])) for of in ("ambient", "humidity")}
+    assert np.ptp(conditions.destination_percent) > 5.0 and np.ptp(conditions.destination_c) > 5.0
+    assert by["ambient"][0] == pytest.approx([np.exp(0.04 * (t - 20.0)) for t in conditions.destination_c])
+    assert by["humidity"][0] == pytest.approx([np.exp(0.04 * (p - 50.0) / 100.0) for p in conditions.destination_percent])
 
 
 def test_air_of_a_room_differs_with_the_airflow_and_goes_in_many_times(warm_rates):
