@@ -19,11 +19,14 @@ SAME_AIRFLOW = 1.2  # ratio between airflows below which they are one
 
 def left_open(found: Search, final: Fit) -> tuple[str, ...]:
     """Sentences on what the search and its model leave open."""
+    further = found.ended_early and found.best.ids != found.plain.ids
     said = {
         f"The runs differ in how fast they are by some {final.rate_scatter:.0%}, and nothing that was named says why: "
         "see that all are of one sensor, in one airflow.": final.rate_scatter > level("rate_scatter"),
         f"The search ended at its limit of work, after {found.fits} fits: what it had reached by then is judged, and "
         "more may be there, or something else that explains the runs as well.": found.ended_early,
+        "Diagnosed again with --from this diagnosis, the search begins with the causes that it names, and goes on from "
+        "there.": further,
     }
     return tuple(sentence for sentence, holds in said.items() if holds)
 

@@ -538,6 +538,8 @@ def search(
     plain = race.keep(race.rated(plain_fit(problem, base)))
     entries = [one for one in among if one.form is None]
     forms = [one for one in among if one.form is not None]
+    # First, so that where a search came to its limit, one that begins from its end leads further.
+    resumed = race.grown(_resumed(race, plain, earlier), entries) if earlier else plain
     _try_simple(race, plain, entries)
     # What takes several effects may be the law of a single one that nobody listed. One beside which nothing gains is
     # the whole of it, unless two that are listed are better.
@@ -546,8 +548,7 @@ def search(
     named = race.grown(plain, entries, A_PAIR if whole else MOST_EFFECTS)
     if not whole:
         named = max(named, _from_runner_up(race, named, entries), key=_value)
-    if earlier:
-        named = max(named, race.grown(_resumed(race, plain, earlier), entries), key=_value)
+    named = max(named, resumed, key=_value)
     best = law if whole and law.value > named.value else max(law, race.with_one(named, forms), key=_value)
     if best.value <= named.value or best.score.discrepancy > FAR_DISCREPANCY:
         named = race.exchanged(race.grown(named, entries), entries)

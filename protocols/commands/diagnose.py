@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         dest="earlier",
         type=Path,
         help="an earlier diagnosis of this campaign (its folder or diagnosis.json): the search begins with what it "
-        "named as well, and tests it again",
+        "named, and tests it again",
     )
     each_probe.add_argument(parser)
     for option, unit, accuracy in (("--tolerance-k", "K", 0.03), ("--tolerance-percent", "%RH", 0.2)):

@@ -60,15 +60,29 @@ def test_a_search_has_an_end(ready, cold, monkeypatch, limit):
     # One step is made in any case, and one more begins below the limit.
     assert limit <= found.fits < min(limit + 120, cold.fits)
     assert found.weights.sum() == pytest.approx(1.0) and found.best is found.pool[0]
-    (said,) = left_open(found, found.best.fit)
-    assert f"ended at its limit of work, after {found.fits} fits" in said
-    # One that begins with what it named comes no further, and is not advised.
-    named = {
-        effect: {name: value for name, (value, _) in own.items()} for effect, own in found.best.fit.values().items()
-    }
-    again = searching.search(ready.problem, ready.structure, named, describing=False)
-    assert again.ended_early and again.best.ids == found.best.ids and "--from" not in said
+    said = left_open(found, found.best.fit)
+    assert f"ended at its limit of work, after {found.fits} fits" in said[0]
+    assert [one for one in said if "--from" in one] == list(said[1:])
+    assert len(said[1:]) == (found.best.ids != found.plain.ids)  # what names nothing leads no further
 
 
 def test_a_search_that_ends_by_itself_says_nothing_of_its_limit(cold):
     assert 0 < cold.fits < searching.MOST_FITS and left_open(cold, cold.best.fit) == ()
+
+
+def test_a_search_begun_from_the_end_of_one_at_its_limit_leads_further(tmp_path, monkeypatch):
+    """It made the same steps from nothing again, and came to the same end."""
+    rng = np.random.default_rng(72)
+    hidden = [
+        Hidden("stem_conduction", {"fraction": 0.08, "time_constant_s": 11.0}, ("temperature",)),
+        Hidden("finite_transfer", {"duration_s": 0.8}, ("temperature",)),
+    ]
+    campaign = simulate_campaign(draw_truth(rng, effects=hidden), small_plan(), rng, tmp_path / "campaign")
+    ready = prepare(build_channel(read_campaign(campaign), "temperature"))
+    monkeypatch.setattr(searching, "MOST_FITS", 40)
+    first = searching.search(ready.problem, ready.structure, describing=False)
+    assert first.ended_early and first.best.ids == {"finite_transfer"}
+    named = {id_: {name: value for name, (value, _) in own.items()} for id_, own in first.best.fit.values().items()}
+    further = searching.search(ready.problem, ready.structure, named, describing=False)
+    assert further.best.ids == {"stem_conduction", "finite_transfer"}
+    assert further.best.value > first.best.value + 100.0
