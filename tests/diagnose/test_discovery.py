@@ -135,7 +135,8 @@ def test_a_strength_goes_with_the_air_that_the_sensor_is_in(warm_rates):
     by = {of: scaling(of, "exponential", conditions, True, np.array([[0.04]])) for of in ("ambient", "humidity")}
     assert np.ptp(conditions.destination_percent) > 5.0 and np.ptp(conditions.destination_c) > 5.0
     assert by["ambient"][0] == pytest.approx([np.exp(0.04 * (t - 20.0)) for t in conditions.destination_c])
-    assert by["humidity"][0] == pytest.approx([np.exp(0.04 * (p - 50.0) / 100.0) for p in conditions.destination_percent])
+    shares = conditions.destination_percent / 100.0
+    assert by["humidity"][0] == pytest.approx([np.exp(0.04 * (share - 0.5)) for share in shares])
 
 
 def test_air_of_a_room_differs_with_the_airflow_and_goes_in_many_times(warm_rates):
