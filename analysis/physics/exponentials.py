@@ -213,9 +213,7 @@ def plain(first: Array, rate: Array, amplitude: Array, total: Array) -> None:
 def compiled(first: Array, rate: Array, amplitude: Array, total: Array) -> None:
     """The same by sums.c."""
     times, rates, amplitudes = (np.ascontiguousarray(x, dtype=float) for x in (first, rate, amplitude))
-    begins = (
-        np.arange(x.size // x.shape[-1]).reshape(x.shape[:-1]) * x.shape[-1] for x in (times, rates, amplitudes)
-    )
+    begins = (np.arange(x.size // x.shape[-1]).reshape(x.shape[:-1]) * x.shape[-1] for x in (times, rates, amplitudes))
     places = np.stack([np.broadcast_to(one, total.shape[:-1]) for one in begins]).reshape(-1)
     _sums.add_up(first.shape[-1], rate.shape[-1], places, times, rates, amplitudes, DIED_OUT, total)
 
