@@ -29,8 +29,8 @@ from shockrig.analysis.physics.modes import response_times
 Array = NDArray[np.float64]
 
 RATE_BOUNDS_PER_S = (2e-4, 30.0)  # t63 of a bead from 6 ms to 14 min, of a film from 11 ms to 27 min
-RATES_TRIED = 21  # as far apart as no response is narrow
-BETWEEN_RATES = np.array([-2.0, -1.0, 0.0, 1.0, 2.0]) / 3.0  # of these steps, tried about the best of them
+RATES_TRIED = 60
+ONE_IN = 3  # of these is tried first, then those about the best of them
 USUAL_SCATTER_S = 0.5  # of a start that was estimated
 LATE_S = np.arange(-0.8, 0.81, 0.04)  # starts that are tried beside it
 STUCK_MEAN_SQUARE = 1.7  # mean square of a run's whitened residuals from which its start is looked for anew
@@ -52,8 +52,9 @@ def rough_rates(
     trials = np.linspace(max(low, LOG_RATE_BOUNDS[0]), high, RATES_TRIED)
     model = Model(problem.channel, structure)
     begun = problem.channel.at_rest() if deviations is None else deviations
-    best = _least(problem, model, begun, choice, trials[:, None])
-    return _least(problem, model, begun, choice, best + (trials[1] - trials[0]) * BETWEEN_RATES[:, None])
+    best = _least(problem, model, begun, choice, trials[ONE_IN // 2 :: ONE_IN, None])
+    about = np.searchsorted(trials, best) + np.arange(1 - ONE_IN, ONE_IN)[:, None]
+    return _least(problem, model, begun, choice, trials[about.clip(0, RATES_TRIED - 1)])
 
 
 def _least(
