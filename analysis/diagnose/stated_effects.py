@@ -139,7 +139,7 @@ def _nearest(problem: Problem, found: Search, effect: Effect, instead: list[tupl
                 return None
             if one in found.tied():
                 return Likeness(new[0], round(likeness, 3))  # nothing says that it is not this one
-            return Likeness(new[0], round(likeness, 3), f"with it unseen runs are e^{behind:.3g} times less likely")
+            return Likeness(new[0], round(likeness, 3), f"with it unseen runs are e^{behind:.0f} times less likely")
     return None
 
 
