@@ -47,7 +47,8 @@ def rough_rates(
     deviations: Array | None = None,
     choice: Mapping[str, float] | None = None,
 ) -> Array:
-    """Rough ln rates (G,) from a scan, all ambients and all trial rates at once; `choice` as in `Model.start`."""
+    """Rough ln rates (G,) from a scan of all ambients at once, first with some of the trial rates, then with those
+    about the best of them; `choice` as in `Model.start`."""
     low, high = np.log(RATE_BOUNDS_PER_S)
     trials = np.linspace(max(low, LOG_RATE_BOUNDS[0]), high, RATES_TRIED)
     model = Model(problem.channel, structure)

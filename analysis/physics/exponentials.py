@@ -125,8 +125,10 @@ class Modes:
         lead = np.broadcast_shapes(first.shape[:-1], self.rate.shape[:-1], amplitude.shape[:-1])
         total = np.empty((*lead, first.shape[-1]))
         series = amplitude if samples == 1 else amplitude * _geometric(-self.rate * readings.period_s, samples)
-        (plain if _sums is None else compiled)(first, self.rate, series, total)
-        partial = np.flatnonzero(readings.partial())
+        ends_early = readings.partial()
+        partial = np.flatnonzero(ends_early)
+        whole = np.where(ends_early, np.inf, first) if partial.size else first
+        (plain if _sums is None else compiled)(whole, self.rate, series, total)
         if partial.size:
             steps = -self.rate * readings.period_s
             fast = _slowest(self.rate) * readings.period_s > 2 * DIED_OUT  # these see one reading only

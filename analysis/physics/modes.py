@@ -100,11 +100,10 @@ def behind_each(first: Modes, time_constants_s: Array) -> Modes:
 def _behind(first: Modes, mu: Array) -> tuple[Array, Array, Array]:
     """Amplitudes of the modes behind a lag of rate `mu` (..., 1); amplitudes and rates of the two of the lag itself."""
     mu = _clear_of(first.rate, mu)  # (..., 2)
-    if (mu[..., 0] == mu[..., 1]).all():
-        passed = first.amplitude / (1.0 - first.rate / mu[..., :1])
-        return passed, np.repeat(-0.5 * (1.0 + passed.sum(axis=-1, keepdims=True)), 2, axis=-1), mu
-    passed = first.amplitude[..., None, :] / (1.0 - first.rate[..., None, :] / mu[..., None])  # (..., 2, K)
-    return passed.mean(axis=-2), -0.5 * (1.0 + passed.sum(axis=-1)), mu
+    apart = mu[..., :1] if (mu[..., 0] == mu[..., 1]).all() else mu  # they are equal nearly always: one serves for both
+    passed = first.amplitude[..., None, :] / (1.0 - first.rate[..., None, :] / apart[..., None])  # (..., 1 or 2, K)
+    own = -0.5 * (1.0 + passed.sum(axis=-1))
+    return passed.mean(axis=-2), np.broadcast_to(own, (*own.shape[:-1], 2)), mu
 
 
 def _clear_of(rate: Array, mu: Array) -> Array:
