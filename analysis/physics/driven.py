@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shockrig.analysis.physics.exponentials import Modes
+from shockrig.analysis.physics.exponentials import Modes, _sums
 
 __all__ = ["beside_lagging_reference", "noise_passed", "respond", "undo_lag", "undone_uncertainty"]
 
@@ -83,8 +83,25 @@ def _respond(modes: Modes, time: Array, value: Array, at: Array, settled_to: Arr
     """As `respond`, of single readings and arrays that were looked at."""
     start = np.asarray(value[..., 0] if settled_to is None else settled_to, dtype=float)[..., None]
     lead = np.broadcast_shapes(*(x.shape[:-1] for x in (modes.amplitude, modes.rate, value, at, start)))
-    amplitude, rate, values, start = (_rows(x, lead) for x in (modes.amplitude, modes.rate, value, start))
+    rows = [_rows(x, lead) for x in (modes.amplitude, modes.rate, value, start)]
     wanted = at[None] if at.ndim == 1 else _rows(at, lead)  # times that all rows share are looked up once
+    found = (plain if _sums is None else compiled)(time, *rows, wanted)
+    return found.reshape(*lead, at.shape[-1])
+
+
+def compiled(time: Array, amplitude: Array, rate: Array, values: Array, start: Array, wanted: Array) -> Array:
+    """The same as `plain` by sums.c."""
+    out = np.empty((len(rate), wanted.shape[1]))
+    order = np.broadcast_to(np.argsort(wanted, axis=1, kind="stable"), out.shape)
+    given = (np.ascontiguousarray(x) for x in (amplitude, rate, time, values, start))
+    every = (np.ascontiguousarray(x) for x in (np.broadcast_to(wanted, out.shape), order))
+    _sums.drive(rate.shape[1], *given, *every, FORGOTTEN_EXPONENT, EVEN_SPREAD, out)
+    return out
+
+
+def plain(time: Array, amplitude: Array, rate: Array, values: Array, start: Array, wanted: Array) -> Array:
+    """Response (P, n) at `wanted`, (P, n) or (1, n), of rows of modes (P, K) that ascend to `values` (P, m) at `time`
+    (m,), from `start` (P, 1), in NumPy."""
     length = np.append(np.maximum(np.diff(time), JUMP_S), 1.0)
     slope = np.append(np.diff(values) / length[:-1], np.zeros((len(values), 1)), axis=1)
     piece = np.searchsorted(time, wanted, side="left") - 1  # a sample's own time ends the piece before it
@@ -116,7 +133,7 @@ def _respond(modes: Modes, time: Array, value: Array, at: Array, settled_to: Arr
             out[:, columns] = np.where(here[:, columns], reading, out[:, columns])
         after = states[(last - first) % len(states), (last - first) // len(states)]
         state = np.concatenate([after, slope[:, last - 1, None] / rate[:, slow:]], axis=1)
-    return out.reshape(*lead, at.shape[-1])
+    return out
 
 
 def _alike(rate: Array, since_s: Array) -> Iterator[tuple[NDArray[np.int64], int]]:

@@ -87,10 +87,47 @@ def test_the_blocks_in_which_it_is_computed_leave_no_seams(count, monkeypatch):
     time, value = rough_trace(7, count)
     modes = film_mean().scaled(np.array([[0.5], [0.02]]))
     at = np.concatenate([AT, time])
+    monkeypatch.setattr(driven, "_sums", None)
     whole = respond(modes, time, value, at)
     monkeypatch.setattr(driven, "STATES_AT_ONCE", 1)
     monkeypatch.setattr(driven, "READ_AT_ONCE", 1000)
     assert respond(modes, time, value, at) == pytest.approx(whole, abs=1e-12)
+
+
+@pytest.mark.skipif(driven._sums is None, reason="the kernel was not built")
+@pytest.mark.parametrize("even", [True, False])
+@pytest.mark.parametrize("lead", [(), (1,), (3, 4)])
+def test_without_a_compiler_a_response_is_the_same(lead, even, monkeypatch):
+    rng = np.random.default_rng([6, even, len(lead)])
+    modes = in_series(film_mean().scaled(10.0 ** rng.uniform(-3.0, 0.0, lead)), 10.0 ** rng.uniform(-1.0, 2.0, lead))
+    time = 0.1 * np.arange(300.0) if even else np.sort(rng.uniform(0.0, 30.0, 300))
+    time[100:103] = time[100]  # two jumps at one time
+    value = rng.normal(size=(*lead, 300)).cumsum(axis=-1)
+    at = rng.permuted(np.concatenate([AT, time]))  # in no order, samples' own times and others
+    start = rng.normal(size=lead)
+    found = respond(modes, time, value, at, settled_to=start)
+    monkeypatch.setattr(driven, "_sums", None)
+    np.testing.assert_allclose(respond(modes, time, value, at, settled_to=start), found, atol=1e-10)
+
+
+@pytest.mark.skipif(driven._sums is None, reason="the kernel was not built")
+def test_arrays_that_do_not_fit_the_kernel_are_refused():
+    three, one, places = np.ones((1, 3)), np.ones(1), np.zeros((1, 3), dtype=np.int64)
+    right = [3, three, three, three, three, one, three, places, 36.0, 1e-9, np.empty((1, 3))]
+    driven._sums.drive(*right)
+    for place, wrong in (
+        (0, 4),  # fewer modes than are said
+        (2, np.ones((1, 2))),  # rates
+        (3, np.ones(2)),  # times of the trace
+        (4, np.ones((2, 3))),
+        (5, np.ones(2)),
+        (6, np.ones((1, 4))),
+        (7, places + 3),  # an order that leads beyond
+        (7, places.astype(np.int32)),
+        (10, np.empty((1, 2))),
+    ):
+        with pytest.raises(ValueError, match="do not fit"):
+            driven._sums.drive(*right[:place], wrong, *right[place + 1 :])
 
 
 def test_two_lags_against_an_integration_of_their_equations():
