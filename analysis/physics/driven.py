@@ -12,7 +12,12 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shockrig.analysis.physics.exponentials import Modes, _sums
+from shockrig.analysis.physics.exponentials import Modes
+
+try:
+    from shockrig.analysis.physics import _sums
+except ImportError:  # built without a compiler: the same in NumPy, slowly
+    _sums = None  # type: ignore[assignment]
 
 __all__ = ["beside_lagging_reference", "noise_passed", "respond", "undo_lag", "undone_uncertainty"]
 
@@ -83,9 +88,9 @@ def _respond(modes: Modes, time: Array, value: Array, at: Array, settled_to: Arr
     """As `respond`, of single readings and arrays that were looked at."""
     start = np.asarray(value[..., 0] if settled_to is None else settled_to, dtype=float)[..., None]
     lead = np.broadcast_shapes(*(x.shape[:-1] for x in (modes.amplitude, modes.rate, value, at, start)))
-    rows = [_rows(x, lead) for x in (modes.amplitude, modes.rate, value, start)]
+    amplitude, rate, values, start = (_rows(x, lead) for x in (modes.amplitude, modes.rate, value, start))
     wanted = at[None] if at.ndim == 1 else _rows(at, lead)  # times that all rows share are looked up once
-    found = (plain if _sums is None else compiled)(time, *rows, wanted)
+    found = (plain if _sums is None else compiled)(time, amplitude, rate, values, start, wanted)
     return found.reshape(*lead, at.shape[-1])
 
 
@@ -93,9 +98,12 @@ def compiled(time: Array, amplitude: Array, rate: Array, values: Array, start: A
     """The same as `plain` by sums.c."""
     out = np.empty((len(rate), wanted.shape[1]))
     order = np.broadcast_to(np.argsort(wanted, axis=1, kind="stable"), out.shape)
-    given = (np.ascontiguousarray(x) for x in (amplitude, rate, time, values, start))
-    every = (np.ascontiguousarray(x) for x in (np.broadcast_to(wanted, out.shape), order))
-    _sums.drive(rate.shape[1], *given, *every, FORGOTTEN_EXPONENT, EVEN_SPREAD, out)
+    amplitude, rate, time, values, start, wanted = (
+        np.ascontiguousarray(x) for x in (amplitude, rate, time, values, start, np.broadcast_to(wanted, out.shape))
+    )
+    order = np.ascontiguousarray(order)
+    gone, even = FORGOTTEN_EXPONENT, EVEN_SPREAD
+    _sums.drive(rate.shape[1], amplitude, rate, time, values, start, wanted, order, gone, even, out)
     return out
 
 
