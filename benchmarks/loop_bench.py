@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
+from shockrig.analysis.design.goals import Goals
 from shockrig.analysis.plan.decide import decide, with_due
 from shockrig.analysis.plan.decision import Decision
-from shockrig.analysis.plan.goals import Goals
 from shockrig.files.campaign import Campaign, read_campaign
 from shockrig.rig.seams import Air
 from shockrig.rig.virtual.batch import simulate_campaign

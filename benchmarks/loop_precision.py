@@ -25,10 +25,10 @@ from loop_bench import FileBench, commit
 from scipy.stats import spearmanr
 
 from shockrig.analysis.characterize.characterize import characterize
+from shockrig.analysis.design.goals import parse_goals
+from shockrig.analysis.design.precision import measured, targets
 from shockrig.analysis.plan.decide import decide
 from shockrig.analysis.plan.decision import CONTINUE, log_entry
-from shockrig.analysis.plan.goals import parse_goals
-from shockrig.analysis.plan.precision import measured, targets
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.protocol import Soak, load_protocol
 from shockrig.rig.virtual.plans import plan_from_protocol

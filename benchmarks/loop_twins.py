@@ -27,10 +27,10 @@ import numpy as np
 from loop_bench import FileBench, Waiting, commit
 from scipy.stats import spearmanr
 
-from shockrig.analysis.diagnose.shock import PlannedShock, Surroundings, Usual, deciding_menu
+from shockrig.analysis.design.goals import parse_goals
+from shockrig.analysis.design.shock import PlannedShock, Surroundings, Usual, deciding_menu
 from shockrig.analysis.plan.decide import decide
 from shockrig.analysis.plan.decision import CONTINUE, log_entry
-from shockrig.analysis.plan.goals import parse_goals
 from shockrig.rig.virtual.hide import draw_effect
 from shockrig.rig.virtual.truth import ROUGH, draw_truth
 

@@ -216,7 +216,7 @@ def plot_plan(runs: Sequence[Mapping[str, Any]], reason: str = "") -> Figure:
     axes.barh(range(len(runs)), brings, color=BLUE, height=0.55)
     axes.set_yticks(range(len(runs)), [f"{i}  {_airs(run)}" for i, run in enumerate(runs, start=1)])
     axes.invert_yaxis()
-    axes.set_xlabel("what it is worth, in goals" if worth else "expected drop in deviance between what is tied")
+    axes.set_xlabel("what it is worth, in goals" if worth else "expected ln E between what is tied")
     axes.set_title("runs to record next, the first first")
     return figure
 

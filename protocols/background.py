@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from shockrig.protocols.branch import end, end_with, ready, start
 
 if TYPE_CHECKING:
-    from shockrig.analysis.plan.goals import Place
+    from shockrig.analysis.design.goals import Place
     from shockrig.analysis.plan.judged import Verdict
     from shockrig.files.campaign import Campaign
 
@@ -63,7 +63,7 @@ class Background:
 
 def _diagnose(answers: Connection, campaigns: Sequence[Campaign], due: Mapping[Place, Verdict], parent: int) -> None:
     """The process: verdicts of one place after the other; Ctrl-C is for the bench, which ends this too."""
-    from shockrig.analysis.plan.goals import places
+    from shockrig.analysis.design.goals import places
     from shockrig.analysis.plan.judged import look_at
 
     end_with(parent)

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 from shockrig.files.disk import shown
 
 if TYPE_CHECKING:
+    from shockrig.analysis.design.goals import Place
     from shockrig.analysis.diagnose.diagnosed import ChannelOutcome
     from shockrig.analysis.diagnose.remainder import Tolerance
-    from shockrig.analysis.plan.goals import Place
     from shockrig.files.campaign import Campaign
     from shockrig.files.diagnosis_data import StatedDiagnosis
 

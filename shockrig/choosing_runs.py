@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.figure import Figure
 
+    from shockrig.analysis.design.goals import Place
     from shockrig.analysis.diagnose.diagnosed import ChannelOutcome
-    from shockrig.analysis.plan.goals import Place
 
 
 @dataclass(frozen=True, repr=False)
@@ -126,7 +126,7 @@ def plan(
     if until is not None:
         return _planned(found, until, runs, channels, fleet, progress or (lambda text: None))
     if isinstance(found, Campaign | str | os.PathLike):
-        from shockrig.analysis.plan.goals import EXAMPLE
+        from shockrig.analysis.design.goals import EXAMPLE
 
         raise InputError(f"until: is missing; give goals such as {EXAMPLE!r}, or plan from a diagnosis")
     wanted = of_campaign(found.campaign, channels)
@@ -144,10 +144,10 @@ def _planned(
     say: Progress,
 ) -> Planned:
     """The decision that goals lead to, with what is known already."""
+    from shockrig.analysis.design.goals import QUANTITY_OF, parse_goals
     from shockrig.analysis.diagnose.diagnosed import outcome_of
     from shockrig.analysis.plan.decide import decide
     from shockrig.analysis.plan.decision import plan_document
-    from shockrig.analysis.plan.goals import QUANTITY_OF, parse_goals
     from shockrig.files.campaign_names import sensor_name
     from shockrig.protocols.made_before import outcomes
 

@@ -248,6 +248,6 @@ def _why_not(campaign: Campaign, name: ChannelName) -> str:
 
 def next_experiments(channel: ChannelDiagnosis) -> list[dict[str, object]]:
     """Runs that would tell the channel's tied explanations apart; empty where nothing is tied."""
-    pairs = [(channel.search.best.fit, rival.fit) for rival in channel.search.rivals()]
+    tied = [one.fit for one in (channel.search.best, *channel.search.rivals())]
     described = channel.verdict == "described" and channel.final.structure.effects
-    return [*propose(channel.problem, channel.noise, pairs), *(unseen(channel.problem.channel) if described else [])]
+    return [*propose(channel.problem, channel.noise, tied), *(unseen(channel.problem.channel) if described else [])]

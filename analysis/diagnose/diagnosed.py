@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.analysis.design.evidence import Explanation, explained_by
 from shockrig.analysis.diagnose.adequacy import Adequacy
 from shockrig.analysis.diagnose.gain import Gain
 from shockrig.analysis.diagnose.search import Rated, Search
@@ -36,8 +37,6 @@ from shockrig.files.json_files import made_of
 # It is said in diagnosis.json (`explanations` of a channel), so that the same campaign is not diagnosed once more.
 
 FARTHEST_NATS = 12.0  # behind the stated model: what a planner calls tied at its thirtieth look, as it spends its error
-
-Explanation = Mapping[str, Mapping[str, float]]  # effect -> parameter -> value that a fit begins from
 
 
 @dataclass(frozen=True)
@@ -69,11 +68,6 @@ class ChannelOutcome:
     best: Explanation
     stated: Explanation
     near: tuple[Near, ...]
-
-
-def explained_by(found: Fit) -> Explanation:
-    """A fit's effects with their values."""
-    return {e: {p: value for p, (value, _) in own.items()} for e, own in found.values().items()}
 
 
 def outcome_of(found: ChannelDiagnosis) -> ChannelOutcome:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from shockrig.analysis.design.varied import OTHER_FLOW
 from shockrig.analysis.diagnose.search import Search
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.estimate.channel import Channel
@@ -13,8 +14,6 @@ from shockrig.analysis.estimate.fit import Fit
 from shockrig.analysis.estimate.gather import UNSETTLED
 from shockrig.analysis.estimate.seen import FEW_RUNS
 from shockrig.files.numbers import counted
-
-SAME_AIRFLOW = 1.2  # ratio between airflows below which they are one
 
 
 def left_open(found: Search, final: Fit) -> tuple[str, ...]:
@@ -47,7 +46,7 @@ def cannot_tell(channel: Channel) -> tuple[str, ...]:
     """Sentences, each on one thing that the campaign leaves open and what it would have needed."""
     c, sensor = channel.conditions, channel.sensor
     several, step, driven = channel.runs > 1, channel.quantity.step(c), bool(channel.measured.any())
-    alike = c.airflow_m_s.max() < SAME_AIRFLOW * max(c.airflow_m_s.min(), 1e-9)
+    alike = c.airflow_m_s.max() < OTHER_FLOW * max(c.airflow_m_s.min(), 1e-9)
     one_airflow = several and c.airflow_known.all() and alike
     one_way = several and not driven and (np.all(step > 0) or np.all(step < 0))
     own_unknown = channel.name == "humidity" and not np.isfinite(channel.die_c).any() and not channel.isothermal.all()

@@ -1,1 +1,1 @@
-"""What to record next: goals, the runs that a bench can make, what each is worth per minute, and when to stop."""
+"""The decision after each look: what is known and tied by now, what to record next, when to stop; and flights."""

@@ -7,7 +7,7 @@ worth of a run = sum over goals of the share of what is wanted that it adds (var
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
@@ -15,9 +15,13 @@ import numpy as np
 
 from shockrig.analysis.characterize.result import Characterization
 from shockrig.analysis.checks.campaign_checks import checked
-from shockrig.analysis.diagnose.diagnosed import ChannelOutcome
-from shockrig.analysis.diagnose.grammar import MOST_RUNS
-from shockrig.analysis.diagnose.shock import (
+from shockrig.analysis.design.choose import LEAST_GAIN, Choice, chase, choose_runs
+from shockrig.analysis.design.designs import Designs, KnownSoFar
+from shockrig.analysis.design.evidence import OpenDispute, averaged, of_second_probe
+from shockrig.analysis.design.goals import QUANTITY_OF, Goals, Place, places
+from shockrig.analysis.design.minutes import learn, spent_minutes
+from shockrig.analysis.design.precision import Target, gained_by, measured, targets
+from shockrig.analysis.design.shock import (
     ORDINARY,
     USUAL_C,
     PlannedShock,
@@ -26,9 +30,11 @@ from shockrig.analysis.diagnose.shock import (
     deciding_menu,
     opening,
 )
-from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, looked_for
+from shockrig.analysis.design.varied import shock_of, usual_of, variety
+from shockrig.analysis.diagnose.diagnosed import ChannelOutcome
+from shockrig.analysis.diagnose.grammar import MOST_RUNS
+from shockrig.analysis.estimate.quantity import QUANTITIES, looked_for
 from shockrig.analysis.fleet.fleet_prior import WithFleet, with_population
-from shockrig.analysis.plan.choose import Choice, chase, choose_runs
 from shockrig.analysis.plan.decision import (
     CONTINUE,
     INCONCLUSIVE,
@@ -37,22 +43,13 @@ from shockrig.analysis.plan.decision import (
     ended_by,
     missing,
 )
-from shockrig.analysis.plan.designs import Designs, menu_of
-from shockrig.analysis.plan.evidence import averaged, of_second_probe
-from shockrig.analysis.plan.goals import QUANTITY_OF, Goals, Place, places
-from shockrig.analysis.plan.judged import ChannelLook, Verdict, look_at
-from shockrig.analysis.plan.minutes import learn, spent_minutes
-from shockrig.analysis.plan.precision import Target, gained_by, measured, targets
-from shockrig.analysis.plan.varied import shock_of, usual_of, variety
+from shockrig.analysis.plan.judged import FEWEST_JUDGED, Looks, Verdict, look_at
 from shockrig.files.campaign import Campaign
 from shockrig.files.campaign_names import sensor_name
 from shockrig.files.errors import InputError
 from shockrig.files.fleet_file import Population
 
-LEAST_GAIN = 0.01  # of a goal, by the best run of the menu: it would take a hundred, if nobody gives minutes for them
-MOST_FIRST = 8  # runs by which a channel is given up that none has shown
 Progress = Callable[[str], None]
-Found = Mapping[str, Characterization | None]  # of each probe
 Due = Callable[[Place], Verdict | None]
 NONE_MADE: Mapping[Place, ChannelOutcome] = MappingProxyType({})
 
@@ -113,74 +110,61 @@ def decide(
     spent = 0.0 if campaign is None else sum(spent_minutes(campaign).values())
     recorded = tuple(run.id for run in runs)
 
-    looks, verdicts = _look(campaigns, before.verdicts, False, later, made, progress)
-    found, fleets, wanted = _known(campaigns, verdicts, goals, population, progress)
-    met = all(t.met for t in wanted) and not any(v.tied for v in verdicts.values())
+    looks = _look(campaigns, before.verdicts, False, later, made, progress)
+    known = _known(campaigns, looks.verdicts, goals, population, progress)
+    met = all(t.met for t in known.wanted) and not any(v.tied for v in looks.verdicts.values())
+    menu = known.menu(looks.disputes if goals.ties else None, usual, feasible)
     # What depends on a direction or an airflow that no run has had can be no finding.
-    unvaried = goals.ties and bool(variety(looks, menu_of(found, looks, goals, usual, feasible)).any())
-    first = _opening(campaigns, goals, usual, feasible, _lacking(campaigns, goals, found))
+    unvaried = goals.ties and bool(variety(looks.channels, menu).any())
+    first = _opening(campaigns, goals, usual, feasible, known.found)
     if met and recorded and not unvaried and not first:
-        judged = verdicts
-        looks, verdicts = _look(campaigns, verdicts, True, later, made, progress)
-        if any(verdicts[place].causes != then.causes for place, then in judged.items()):
-            found, fleets, wanted = _known(campaigns, verdicts, goals, population, progress)
+        judged = looks.verdicts
+        looks = _look(campaigns, judged, True, later, made, progress)
+        if any(looks.verdicts[place].causes != then.causes for place, then in judged.items()):
+            known = _known(campaigns, looks.verdicts, goals, population, progress)
+        menu = known.menu(looks.disputes if goals.ties else None, usual, feasible)
     new = set(recorded) - set(before.recorded)
-    gained = sum(gained_by(new, own, [t for t in wanted if t.probe == p]) for p, own in found.items()) if new else None
+    came = [gained_by(new, own, [t for t in known.wanted if t.probe == p]) for p, own in known.found.items() if new]
     state = Decision(
         recorded=recorded,
         minutes_spent=spent,
-        targets=tuple(wanted),
-        verdicts=verdicts,
+        targets=tuple(known.wanted),
+        verdicts=looks.verdicts,
         chased=before.chased,
         unvaried=unvaried,
-        gained=gained,
+        gained=sum(came) if new else None,
     )
-    designs = Designs.of(found, looks, wanted, goals, usual, feasible, next(iter(runs), None), population, fleets)
     if not unvaried and not (goals.ties and first) and (ended := ended_by(state, goals, looks)):
         return replace(state, status=ended[0], reason=ended[1])
-    return _going_on(state, goals, campaigns, looks, designs, first, count)
-
-
-def _going_on(
-    state: Decision,
-    goals: Goals,
-    campaigns: Sequence[Campaign],
-    looks: Mapping[Place, ChannelLook],
-    designs: Designs,
-    first: Sequence[PlannedShock],
-    count: int,
-) -> Decision:
-    """A decision with the runs to record next, those that come `first` before any of the menu; with why there is none
-    where none brings what is missing, or the minutes are spent."""
-    campaign, verdicts, chased = next(iter(campaigns), None), state.verdicts.values(), state.chased
-    runs = () if campaign is None else campaign.runs
-    minutes = learn(campaign)
+    tied, channels = (looks.disputes, looks.channels) if goals.ties else ([], [])
+    again = shock_of(runs[0]) if runs else None
+    designs = Designs.of(menu, tied, known, again if again is not None and feasible(again) else None, channels)
+    minutes, chased = learn(campaign), before.chased
+    left = any(v.left for v in state.verdicts.values()) and not any(v.describes for v in state.verdicts.values())
     if first:
         chosen = [Choice(s, minutes.of(None, s)) for s in first][:count]
-        considered = tuple(chosen)
+        considered: tuple[Choice, ...] = tuple(chosen)
     else:
         chosen, considered = choose_runs(designs, minutes, runs, count)
-        chosen = _with_second_probe(looks.values(), chosen) if len(campaigns) == 1 else chosen
-    left = any(v.left for v in verdicts) and not any(v.describes for v in verdicts)
-    if goals.ties and left and chased < MOST_UNEXPLAINED and not first:
-        chosen, chased = chase(designs, runs, minutes)[:count], chased + 1
+        chosen = _with_second_probe(looks.disputes, chosen) if len(campaigns) == 1 else chosen
+        if goals.ties and left and chased < MOST_UNEXPLAINED:
+            chosen, chased = chase(menu, runs, minutes)[:count], chased + 1
     if not chosen:
         reason = f"no run of the menu brings what is missing: {missing(state)}"
         return replace(state, status=INCONCLUSIVE, reason=reason)
-    chosen, enough = _within(goals, chosen, considered, state.minutes_spent, len(runs))
+    chosen, enough = _within(goals, chosen, considered, spent, len(runs))
     if enough:
         return replace(state, status=INCONCLUSIVE, reason=f"{enough}; {missing(state)}", considered=considered)
     reason, choices = missing(state), tuple(chosen)
     return replace(state, status=CONTINUE, reason=reason, choices=choices, considered=considered, chased=chased)
 
 
-def _with_second_probe(looks: Iterable[ChannelLook], chosen: Sequence[Choice]) -> list[Choice]:
+def _with_second_probe(disputes: Sequence[OpenDispute], chosen: Sequence[Choice]) -> list[Choice]:
     """Runs with what a second probe, recorded beside a single one, is expected to bring."""
     shocks = [choice.shock for choice in chosen]
     more = np.zeros(len(shocks))
-    for look in looks:
-        if shocks and (open_ := look.open_dispute) is not None:
-            more = np.maximum(more, averaged(of_second_probe(*open_, shocks), open_.dispute))
+    for one in disputes if chosen else ():
+        more = np.maximum(more, averaged(of_second_probe(*one, shocks), one.dispute))
     return [replace(choice, beside=float(x)) for choice, x in zip(chosen, more, strict=True)]
 
 
@@ -227,13 +211,13 @@ def _look(
     later: bool,
     made: Mapping[Place, ChannelOutcome],
     progress: Progress,
-) -> tuple[dict[Place, ChannelLook], dict[Place, Verdict]]:
-    looks: dict[Place, ChannelLook] = {}
+) -> Looks:
+    looks = Looks()
     for place, (campaign, name) in places(campaigns).items():
         if not final or place not in made:
             progress(f"{place}: {'diagnosing all runs' if final else 'looking at what is left'}")
         looks[place] = look_at(campaign, name, before.get(place, Verdict()), final, later, made.get(place))
-    return looks, {place: look.verdict for place, look in looks.items()}
+    return looks
 
 
 def _known(
@@ -242,25 +226,24 @@ def _known(
     goals: Goals,
     population: Population | None,
     progress: Progress,
-) -> tuple[Found, dict[str, WithFleet], list[Target]]:
+) -> KnownSoFar:
     """What is known by each probe, with what is named of it in the model; what the sensors' type adds to that; and how
     far it is what the goals want of every probe that has the sensor for it."""
     if not campaigns:
-        return {}, {}, targets(goals, None, population=population)
+        return KnownSoFar(goals.ambients_c, targets(goals, None, population=population))
     found, fleets, wanted = dict[str, Characterization | None](), dict[str, WithFleet](), list[Target]()
     for one in campaigns:
         names, probe = looked_for(one), one.probe
         of = {name: verdicts[sensor_name(name, probe)] for name in names}
-        found[probe] = own = measured(
-            one, {name: verdict.extension(name) for name, verdict in of.items() if verdict.causes}
-        )
+        extensions = {name: verdict.extension(name) for name, verdict in of.items() if verdict.causes}
+        found[probe] = own = measured(one, extensions)
         if population is not None and own is not None:
             fleets[probe] = fleet = with_population(own, population)
             for channel, sentence in zip(fleet.probability, fleet.sentences, strict=True):
                 if not fleet.belongs(channel):
                     progress(sentence)
         wanted += [t for t in targets(goals, own, probe, fleets.get(probe), population) if t.channel in names]
-    return found, fleets, wanted
+    return KnownSoFar(goals.ambients_c, wanted, found, fleets, population)
 
 
 def _demand_sensors(goals: Goals, campaigns: Sequence[Campaign]) -> None:
@@ -273,39 +256,28 @@ def _demand_sensors(goals: Goals, campaigns: Sequence[Campaign]) -> None:
             raise InputError(f"--until: {one}: is a goal of a {lacking}, and {has_none}")
 
 
-def _lacking(campaigns: Sequence[Campaign], goals: Goals, found: Found) -> set[ChannelName]:
-    """Channels that no run has shown, unless the first runs were many and showed nothing."""
-    wanted = {name for name in QUANTITIES if goals.ties or name in goals.channels}
-    if not campaigns or len(campaigns[0].runs) >= MOST_FIRST:
-        return set() if campaigns else wanted
-    known = {one.probe: own.channels() if (own := found[one.probe]) else {} for one in campaigns}
-    return {n for n in wanted for one in campaigns if QUANTITIES[n].sensor in one.sensors and n not in known[one.probe]}
-
-
 def _opening(
     campaigns: Sequence[Campaign],
     goals: Goals,
     usual: Usual,
     feasible: Callable[[PlannedShock], bool],
-    lacking: Collection[ChannelName],
+    found: Mapping[str, Characterization | None],
 ) -> list[PlannedShock]:
-    """The runs that a campaign begins with, as far as they show some channels, those of rarer directions first.
+    """The runs that a campaign begins with, as far as they show channels that no run has shown, those of rarer
+    directions first; none where the first runs were many and showed nothing.
 
     Any other of the menu will do where the bench can make none of these, or the operator wants none.
     """
-    middle = sorted(goals.ambients_c, key=lambda t: abs(t - USUAL_C))[0]
-    begin = [s for s in opening(middle, usual) if usual.allows(s) and _shown_by(s) in lacking]
-    others = [s for s in deciding_menu([middle], usual) if _shown_by(s) in lacking and feasible(s)]
-    there = [_way(s) for one in campaigns[:1] for run in one.runs if (s := shock_of(run)) is not None]
-    return sorted(filter(feasible, begin), key=lambda s: there.count(_way(s))) or others[: len(begin)]
-
-
-def _way(shock: PlannedShock) -> tuple[bool, bool]:
-    """Which channel a run is for, and its direction."""
-    rises = shock.destination_percent > shock.source_percent
-    return shock.isothermal, rises if shock.isothermal else shock.destination_c > shock.source_c
-
-
-def _shown_by(shock: PlannedShock) -> ChannelName:
-    """The channel that a run of the opening is for."""
-    return "humidity" if shock.isothermal else "temperature"
+    lacking = {name for name in QUANTITIES if goals.ties or name in goals.channels}
+    runs = campaigns[0].runs if campaigns else ()
+    if campaigns:
+        known = {(one.probe, n) for one in campaigns if (own := found[one.probe]) for n in own.channels()}
+        there = {(one.probe, n) for one in campaigns for n in lacking if QUANTITIES[n].sensor in one.sensors}
+        lacking = {name for _, name in there - known}
+    if not lacking or len(runs) >= 2 * FEWEST_JUDGED:
+        return []
+    middle = min(goals.ambients_c, key=lambda t: abs(t - USUAL_C))
+    begin = [s for s in opening(middle, usual) if usual.allows(s) and s.shows in lacking]
+    others = [s for s in deciding_menu([middle], usual) if s.shows in lacking and feasible(s)]
+    ways = [s.way for run in runs if (s := shock_of(run)) is not None]
+    return sorted(filter(feasible, begin), key=lambda s: ways.count(s.way)) or others[: len(begin)]

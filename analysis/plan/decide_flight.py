@@ -24,9 +24,11 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
+from shockrig.analysis.effects.forms import USUAL_PERCENT
 from shockrig.analysis.learn.bins import LEAST_PASS_M, REFERENCE_TEMPERATURE_C, FlightBins, binned
 from shockrig.analysis.learn.density import MOVE_STEP, MOVES, UNKNOWN, WALKS, FlightChannelData, SensorModel, prepared
 from shockrig.analysis.learn.laws import LAWS, Law
+from shockrig.analysis.physics.standard_atmosphere import LAYERS
 from shockrig.analysis.plan.flight_plan import (
     LEVEL_USUAL_M_S,
     TAKEOFF_M_S,
@@ -60,8 +62,6 @@ SLOW_M_S, SLOW_LEVEL_M_S = 1.0, 2.0
 SLOWEST_SHARE = 0.4  # of the endurance that a slow climb takes at most
 HOVER_S = 120.0  # twice the time that a stem or a housing usually takes
 LEVEL_S = 60.0  # out and back at one airspeed
-USUAL_HUMIDITY_PERCENT = 50.0
-USUAL_LAPSE_K_PER_M = 0.0065  # ISO 2533, where flights said nothing of temperature
 BOUND_ROUNDING = 1e-6
 DECISIVE_NATS = math.log(20.0)  # 20 to 1, at which `learn` names
 LEAST_NATS = 0.05  # of a flight that says anything
@@ -219,10 +219,10 @@ def bins_along(time_s: Array, altitude_m: Array, airspeed_m_s: Array, learned: L
     """Bins of a track (n,) through air that changes evenly with altitude, by as much as the flights showed."""
     temperature, humidity = learned.channels.get("temperature"), learned.channels.get("humidity")
     mean_c = temperature.mean if temperature and temperature.mean is not None else REFERENCE_TEMPERATURE_C
-    percent = humidity.mean if humidity and humidity.mean is not None else USUAL_HUMIDITY_PERCENT
-    lapse = (
-        temperature.unit * RANGE_OVER_SIGMA / float(np.ptp(learned.altitude_m)) if temperature else USUAL_LAPSE_K_PER_M
-    )
+    percent = humidity.mean if humidity and humidity.mean is not None else USUAL_PERCENT
+    lapse = -LAYERS[0][2]  # where flights said nothing of temperature
+    if temperature:
+        lapse = temperature.unit * RANGE_OVER_SIGMA / float(np.ptp(learned.altitude_m))
     unknown = np.full(time_s.size, np.nan)
     flight = Flight(
         time_s=time_s,

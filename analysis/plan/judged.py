@@ -6,23 +6,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
 from shockrig.analysis.characterize.part_fit import Extension, extension_of
+from shockrig.analysis.design.evidence import Dispute, Explanation, OpenDispute, against, fitted, label_of
+from shockrig.analysis.design.goals import Place
 from shockrig.analysis.diagnose.adequacy import judge
 from shockrig.analysis.diagnose.diagnose import diagnose_channel, enough
-from shockrig.analysis.diagnose.diagnosed import ChannelOutcome, Explanation, outcome_of
+from shockrig.analysis.diagnose.diagnosed import ChannelOutcome, outcome_of
 from shockrig.analysis.diagnose.prepare import Prepared, prepare
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.effects.described import described, discovered_of, is_described
+from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import Fit
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import ChannelName
-from shockrig.analysis.plan.evidence import Dispute, against, fitted, label_of
 from shockrig.files.campaign import Campaign
 from shockrig.files.causes import StatedEffect, Uncertain
 
@@ -116,15 +117,6 @@ MOST_RUNS_TRIED = 24  # by which a channel is given up of which fewer can be use
 MORE_RUNS = 1.2  # times as many as at the last diagnosis, from which on one that left something is made again
 
 
-class OpenDispute(NamedTuple):
-    """Explanations that stand beside one another: their fits, to which problem, and the dispute that they are of."""
-
-    problem: Problem
-    noise: Noise
-    fits: tuple[Fit, ...]
-    dispute: Dispute
-
-
 @dataclass(frozen=True)
 class ChannelLook:
     """A channel at one look: its verdict, and the fits that a design needs (None where it cannot be diagnosed).
@@ -145,6 +137,25 @@ class ChannelLook:
         if self.problem is None or self.noise is None or dispute is None or not self.rivals:
             return None
         return OpenDispute(self.problem, self.noise, self.rivals, dispute)
+
+
+class Looks(dict[Place, ChannelLook]):
+    """What was seen at every place."""
+
+    @property
+    def verdicts(self) -> dict[Place, Verdict]:
+        """Of each place."""
+        return {place: look.verdict for place, look in self.items()}
+
+    @property
+    def disputes(self) -> list[OpenDispute]:
+        """What is tied anywhere."""
+        return [open_ for look in self.values() if (open_ := look.open_dispute) is not None]
+
+    @property
+    def channels(self) -> list[Channel]:
+        """Those that can be judged."""
+        return [look.problem.channel for look in self.values() if look.problem is not None]
 
 
 def spending(look: int) -> float:

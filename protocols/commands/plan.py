@@ -131,11 +131,11 @@ def _place(text: str) -> tuple[float, float, float]:
 
 
 def _plan_runs(args: argparse.Namespace) -> int:
-    from shockrig.analysis.diagnose.shock import ORDINARY
+    from shockrig.analysis.design.goals import parse_goals
+    from shockrig.analysis.design.shock import ORDINARY
+    from shockrig.analysis.design.varied import usual_of
     from shockrig.analysis.plan.decide import anything, decide
     from shockrig.analysis.plan.decision import CONTINUE, log_entry, plan_document, remembered
-    from shockrig.analysis.plan.goals import parse_goals
-    from shockrig.analysis.plan.varied import usual_of
     from shockrig.files.disk import write_whole
     from shockrig.files.fleet_file import read_fleet
     from shockrig.files.json_files import write_json

@@ -178,7 +178,7 @@ def _fleets(args: argparse.Namespace) -> tuple[Path | None, int | None]:
 
 def _opening(args: argparse.Namespace) -> Any:
     """What `run adaptive` opens a campaign with: no runs yet, behind those that it has."""
-    from shockrig.analysis.plan.goals import parse_goals
+    from shockrig.analysis.design.goals import parse_goals
     from shockrig.files.disk import is_there
     from shockrig.protocols.decided import as_protocol
     from shockrig.rig.bench_errors import BenchError
@@ -367,7 +367,7 @@ def _record(args: argparse.Namespace, protocol: Any, bench: Any, sealed: _Sealed
 
 def _loop(args: argparse.Namespace, bench: Any, say: Callable[[str], None]) -> Any:
     """What decides on the next run, whenever the recorder asks."""
-    from shockrig.analysis.plan.goals import parse_goals
+    from shockrig.analysis.design.goals import parse_goals
     from shockrig.files.fleet_file import read_fleet
     from shockrig.protocols.adaptive import Loop
     from shockrig.rig.protocol import load_protocol

@@ -8,10 +8,11 @@ from foreign_lab import Arrival, Lab, LabLogger, LabRun, Written, make_body, rec
 from foreign_worlds import draw
 from small_worlds import record as record_small
 
+from shockrig.analysis.design.evidence import OpenDispute, expected
+from shockrig.analysis.design.shock import PlannedShock
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
-from shockrig.analysis.diagnose.experiments import STEADY_M_S, propose, separations, unseen
+from shockrig.analysis.diagnose.experiments import STEADY_M_S, propose, unseen
 from shockrig.analysis.diagnose.refitting import plain_fit, refit
-from shockrig.analysis.diagnose.shock import PlannedShock
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.channel import FINE_BIN_WIDTHS, edges_after_transfer, fine_width
 from shockrig.analysis.estimate.gather import build_channel
@@ -59,8 +60,9 @@ def test_what_its_reference_is_off_by_in_all_runs_is_not_the_sensor_s(tmp_path):
     assert found.search.plain.fit.theta[-1] == pytest.approx(-0.116, abs=0.02)
     # Runs that would tell another explanation apart are made beside it. Before: models of another size, and a crash.
     rival = refit(found.problem, Structure((CATALOGUE["series_lag"],)), found.final)
-    assert propose(found.problem, found.noise, [(found.final, rival)])
-    assert separations(found.problem, found.noise, found.final, rival, [PlannedShock(40.0, 18.0, 20.0, 55.0)]) >= 0.0
+    assert propose(found.problem, found.noise, [found.final, rival])
+    dispute = OpenDispute.begun(found.problem, found.noise, [found.final, rival])
+    assert np.isfinite(expected(*dispute, [PlannedShock(40.0, 18.0, 20.0, 55.0)])).all()
 
 
 def test_runs_are_asked_for_in_a_chamber_that_is_colder_than_its_rounded_air(tmp_path):
@@ -70,7 +72,7 @@ def test_runs_are_asked_for_in_a_chamber_that_is_colder_than_its_rounded_air(tmp
     noise = estimate_noise(channel, 0.1)
     problem = make_problem(channel, whiteners(channel, noise))
     plain = plain_fit(problem, PLAIN)
-    asked = propose(problem, noise, [(plain, refit(problem, Structure((CATALOGUE["series_lag"],)), plain))])
+    asked = propose(problem, noise, [plain, refit(problem, Structure((CATALOGUE["series_lag"],)), plain)])
     assert asked and all(run["destination"]["temperature_c"] == -20.0 for run in asked)
 
 

@@ -10,9 +10,9 @@ import pytest
 from benchmark_scripts import benchmark
 from small_worlds import QUIET
 
-from shockrig.analysis.diagnose.shock import PlannedShock
+from shockrig.analysis.design.goals import parse_goals
+from shockrig.analysis.design.shock import PlannedShock
 from shockrig.analysis.plan.decision import remembered
-from shockrig.analysis.plan.goals import parse_goals
 from shockrig.analysis.report.loop_page import chosen_section
 from shockrig.files.plan_file import read_decisions
 from shockrig.protocols.adaptive import Loop
@@ -267,7 +267,7 @@ def ventilation(airflow_m_s):
 
 
 def test_a_plan_keeps_to_what_a_bench_can_do():
-    from shockrig.analysis.diagnose.shock import PlannedShock
+    from shockrig.analysis.design.shock import PlannedShock
     from shockrig.protocols.decided import feasible_on
 
     bench = virtual_bench(QUICK_SENSORS)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from small_worlds import small_plan
 
+from shockrig.analysis.design.goals import parse_goals
 from shockrig.analysis.plan import judged
-from shockrig.analysis.plan.goals import parse_goals
 from shockrig.files.campaign import read_campaign
 from shockrig.files.fingerprint import fingerprint
 from shockrig.files.plan_file import read_decisions

@@ -9,10 +9,10 @@ import pytest
 from benchmark_scripts import benchmark
 from small_worlds import QUIET
 
-from shockrig.analysis.diagnose.shock import PlannedShock
+from shockrig.analysis.design.goals import parse_goals
+from shockrig.analysis.design.shock import PlannedShock
 from shockrig.analysis.plan.decide import decide, of_decision, with_due
 from shockrig.analysis.plan.decision import log_entry, remembered
-from shockrig.analysis.plan.goals import parse_goals
 from shockrig.protocols.adaptive import Loop
 from shockrig.protocols.background import Background
 from shockrig.rig.bench import virtual_bench

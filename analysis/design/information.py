@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.diagnose.experiments import imagined
-from shockrig.analysis.diagnose.shock import PlannedShock
+from shockrig.analysis.design.imagined import imagined
+from shockrig.analysis.design.shock import PlannedShock
 from shockrig.analysis.estimate.channel import AMBIENT_WIDTH_K
 from shockrig.analysis.estimate.fit import Fit, linearise
 from shockrig.analysis.estimate.model import Point

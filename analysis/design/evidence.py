@@ -14,16 +14,18 @@ inequality exceeds 100 at any look with probability at most 1 % (universal infer
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
+from itertools import permutations
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.diagnose.diagnosed import Explanation
-from shockrig.analysis.diagnose.experiments import imagined, rates_known
-from shockrig.analysis.diagnose.shock import PlannedShock
+from shockrig.analysis.design.imagined import imagined, rates_known
+from shockrig.analysis.design.information import nats
+from shockrig.analysis.design.shock import PlannedShock
 from shockrig.analysis.effects import in_channel
 from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.effects.forms import form_of
@@ -32,11 +34,12 @@ from shockrig.analysis.estimate.fit_starts import rough_point
 from shockrig.analysis.estimate.model import Model, Point, Structure
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.problem import Problem, posterior_scatter, prior_cost
-from shockrig.analysis.plan.information import nats
 
 Array = NDArray[np.float64]
+Explanation = Mapping[str, Mapping[str, float]]  # effect -> parameter -> value that a fit begins from
 OLD_RUNS_POWER = 0.5  # power of the old runs' likelihood
 REJECTED_FROM = float(np.log(100.0))  # ln E from which an explanation is out
+MOST_TOLD = REJECTED_FROM - 0.5  # ln E against a rival, of one that still stands
 FEWEST_DEGREES = 4
 
 
@@ -66,6 +69,27 @@ class Dispute:
     def labels(self) -> list[str]:
         """What sets each explanation apart from the others."""
         return [label_of(e, self.explanations) for e in self.explanations]
+
+
+class OpenDispute(NamedTuple):
+    """Explanations that stand beside one another: their fits, to which problem, and the dispute that they are of."""
+
+    problem: Problem
+    noise: Noise
+    fits: tuple[Fit, ...]
+    dispute: Dispute
+
+    @classmethod
+    def begun(cls, problem: Problem, noise: Noise, fits: Sequence[Fit]) -> OpenDispute:
+        """One of fits that are tied by all runs so far."""
+        explanations = tuple(explained_by(one) for one in fits)
+        dispute = Dispute(explanations, problem.channel.run_ids, (0.0,) * len(fits))
+        return cls(problem, noise, tuple(fits), dispute)
+
+
+def explained_by(found: Fit) -> Explanation:
+    """A fit's effects with their values."""
+    return {e: {p: value for p, (value, _) in own.items()} for e, own in found.values().items()}
 
 
 def label_of(explanation: Explanation, among: Sequence[Explanation]) -> str:
@@ -202,6 +226,18 @@ def _as_of_second(found: Fit, common: frozenset[str]) -> tuple[Structure, list[i
     here = slice(len(rates), len(rates) + len(effects))
     known[here, here] = np.linalg.pinv(found.covariance[np.ix_(effects, effects)], hermitian=True)
     return kept, places, known
+
+
+def told_apart(disputes: Iterable[OpenDispute], shocks: Sequence[PlannedShock]) -> tuple[Array, Array, Array]:
+    """Of all pairs of tied explanations `pairs`, `needed` and `evidence`, as `Designs` has them."""
+    pairs, needed, evidence = [], [], np.zeros(len(shocks))
+    for open_ in disputes:
+        told, each_further = expected(*open_, shocks)
+        evidence = np.maximum(evidence, averaged(told.max(axis=1), open_.dispute))
+        for i, j in permutations(range(len(told)), 2):
+            pairs.append(np.maximum(each_further[i, j], 0.0))
+            needed.append(REJECTED_FROM - float(np.clip(open_.dispute.so_far[j], 0.0, MOST_TOLD)))
+    return np.array(pairs).reshape(len(pairs), len(shocks)), np.array(needed), evidence
 
 
 def averaged(told: Array, dispute: Dispute) -> Array:

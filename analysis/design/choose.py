@@ -7,14 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
-from shockrig.analysis.diagnose.shock import PlannedShock
-from shockrig.analysis.plan.designs import Designs
-from shockrig.analysis.plan.evidence import REJECTED_FROM
-from shockrig.analysis.plan.information import nats
-from shockrig.analysis.plan.minutes import Airs, Minutes, airs_of, airs_of_run
-from shockrig.analysis.plan.precision import FEWEST_RUNS, Target
-from shockrig.analysis.plan.varied import farthest, is_again
+from shockrig.analysis.design.designs import Designs
+from shockrig.analysis.design.evidence import REJECTED_FROM
+from shockrig.analysis.design.information import nats
+from shockrig.analysis.design.minutes import Airs, Minutes, airs_of, airs_of_run
+from shockrig.analysis.design.precision import FEWEST_RUNS, Target
+from shockrig.analysis.design.shock import PlannedShock
+from shockrig.analysis.design.varied import farthest, is_again
 from shockrig.files.campaign import Run
 
 Array = NDArray[np.float64]
@@ -23,6 +24,7 @@ UNTOLD = float("nan")  # where nothing is expected of a run: it was not chosen f
 # Of the best worth per minute: among these chance chooses, so that order and conditions do not go together.
 NEARLY_BEST = 0.97
 OPTIONS_SHOWN = 6
+LEAST_GAIN = 0.01  # of a goal, by the best run of the menu: it would take a hundred, if nobody gives minutes for them
 
 
 @dataclass(frozen=True)
@@ -107,9 +109,18 @@ def _weighed(designs: Designs, m: int, bonus: float, minutes: Minutes, airs: Air
         for (target, g), factor, runs, more in zip(p.of, p.factors, p.runs, p.helped(m), strict=True):
             before, after = progress(target, factor * now[g], runs), progress(target, factor * then[g], runs + more)
             share += max(after - before, 0.0)
-    deciding = float(np.minimum(designs.pairs[:, m], designs.needed).sum() / REJECTED_FROM)
+    deciding = float(as_far_as_needed(designs.pairs[:, m], designs.needed).sum() / REJECTED_FROM)
     shock, evidence = designs.menu[m], float(designs.evidence[m])
     return Choice(shock, minutes.of(airs, shock), share + deciding + bonus, share, information, evidence)
+
+
+def as_far_as_needed(expected: Array, needed: Array) -> Array:
+    """Mean of what comes of expected ln E, of each pair at most what it needs: a log-likelihood ratio of mean m has the
+    variance 2 m, so that a run of which just enough is expected often brings less."""
+    scatter = np.sqrt(2.0 * expected + 1e-12)
+    over = (expected - needed) / scatter
+    beyond = scatter * (over * ndtr(over) + np.exp(-0.5 * over**2) / np.sqrt(2.0 * np.pi))
+    return np.maximum(expected - beyond, 0.0)
 
 
 def progress(target: Target, variance: float, runs: int) -> float:
@@ -117,9 +128,9 @@ def progress(target: Target, variance: float, runs: int) -> float:
     return min(target.wanted**2 / max(variance, 1e-30), runs / FEWEST_RUNS, 1.0)
 
 
-def chase(designs: Designs, recorded: Sequence[Run], minutes: Minutes) -> list[Choice]:
+def chase(menu: Sequence[PlannedShock], recorded: Sequence[Run], minutes: Minutes) -> list[Choice]:
     """The run for what nothing explains: that of the menu which is least like any that was `recorded`."""
-    if not designs.choosable:
+    if not menu:
         return []
-    shock = replace(farthest(designs.choosable, recorded), why="nothing like it has been recorded")
+    shock = replace(farthest(menu, recorded), why="nothing like it has been recorded")
     return [Choice(shock, minutes.of(airs_of_run(recorded[-1]), shock))]

@@ -10,18 +10,17 @@ import numpy as np
 from shockrig.analysis.characterize.characterize import characterize
 from shockrig.analysis.characterize.part_fit import Extension
 from shockrig.analysis.characterize.result import ChannelResult, Characterization, TableRow
+from shockrig.analysis.design.goals import QUANTITY_OF, Goals, Precision
+from shockrig.analysis.design.information import NOT_KNOWN, gained
 from shockrig.analysis.estimate.channel import AMBIENT_WIDTH_K
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName
 from shockrig.analysis.fleet.fleet_prior import WithFleet, relative_of_type
-from shockrig.analysis.plan.goals import QUANTITY_OF, Goals, Precision
-from shockrig.analysis.plan.information import gained
 from shockrig.files.campaign import Campaign
 from shockrig.files.campaign_names import FIRST_PROBE
 from shockrig.files.errors import InputError
 from shockrig.files.fleet_file import Population
 
 FEWEST_RUNS = 2  # of a row: one says nothing of how much runs differ
-UNKNOWN_SIGMA = 0.5  # relative standard uncertainty of what no run has shown
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,7 @@ class Target:
     @property
     def known(self) -> bool:
         """Whether anything is known of it, by its own runs or by others of its type."""
-        return self.relative < UNKNOWN_SIGMA or self.runs > 0
+        return self.relative < NOT_KNOWN or self.runs > 0
 
     @property
     def label(self) -> str:
@@ -86,14 +85,14 @@ def targets(
     out = []
     for (channel, ambient, quantity), relative in wanted.items():
         row = _row(None if found is None else found.channels().get(channel), ambient)
-        now = UNKNOWN_SIGMA if row is None else min(float(_relative(row, quantity)), UNKNOWN_SIGMA)
+        now = NOT_KNOWN if row is None else min(float(_relative(row, quantity)), NOT_KNOWN)
         runs = 0 if row is None else len(row.runs)
         with_fleet = None if fleet is None or quantity == "t63" else fleet.relative(channel, ambient)
         if found is not None and with_fleet is not None:
             # What runs at other ambients say of it counts: they are of the same sensor.
             now, runs = min(now, with_fleet), max(runs, len(found.channels()[channel].runs))
         elif population is not None and quantity != "t63" and (fleet is None or not fleet.outside(channel)):
-            now = min(now, relative_of_type(population, channel, ambient) or UNKNOWN_SIGMA)
+            now = min(now, relative_of_type(population, channel, ambient) or NOT_KNOWN)
         out.append(Target(channel, ambient, quantity, relative, now, runs, probe))
     return out
 

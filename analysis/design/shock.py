@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from shockrig.analysis.estimate.quantity import ChannelName
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 
 LEAD_S, LONG_LEAD_S = 6.0, 30.0  # recorded before a transfer; longer, for what a run's own clock does
@@ -46,6 +47,17 @@ class PlannedShock:
     def isothermal(self) -> bool:
         """Whether the temperature does not change."""
         return self.source_c == self.destination_c
+
+    @property
+    def shows(self) -> ChannelName:
+        """The channel that it is for."""
+        return "humidity" if self.isothermal else "temperature"
+
+    @property
+    def way(self) -> tuple[ChannelName, bool]:
+        """That, and whether it is a step up."""
+        rises = self.destination_percent > self.source_percent
+        return self.shows, rises if self.isothermal else self.destination_c > self.source_c
 
     @property
     def recorded_s(self) -> float:
@@ -175,11 +187,11 @@ def deciding_menu(
             "a small step down at high humidity": ((t, 80.0), (t, 65.0)),
         }
         for why, (source, destination) in shocks.items():
-            base = _between(usual, source, destination, LONG_S, why)
+            enough = LONG_S if dwell_s is None else float(round(dwell_s(destination[0], source[0] == destination[0])))
+            base = _between(usual, source, destination, max(LONG_S, enough), why)
             menu += [base, *(replace(base, why=f"{why}, {more}", **other) for more, other in variants.items())]
-            enough = LONG_S if dwell_s is None else round(1.7 * dwell_s(destination[0], source[0] == destination[0]))
             if enough < LONG_S:
-                short = replace(base, dwell_s=float(enough))
+                short = replace(base, dwell_s=enough)
                 menu += [replace(short, why=f"{why}, {more}", **other) for more, other in airflows.items()]
     return [shock for shock in menu if usual.allows(shock)]
 

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import permutations
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.characterize.result import ChannelResult, Characterization
-from shockrig.analysis.diagnose.shock import (
+from shockrig.analysis.design.evidence import OpenDispute, told_apart
+from shockrig.analysis.design.information import Information, information, rates_at
+from shockrig.analysis.design.precision import Target
+from shockrig.analysis.design.shock import (
     LONG_S,
     LONGEST_S,
     SHORTEST_S,
@@ -22,22 +23,16 @@ from shockrig.analysis.diagnose.shock import (
     deciding_menu,
     precision_menu,
 )
+from shockrig.analysis.design.varied import variety
+from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName
 from shockrig.analysis.fleet.fleet_prior import WithFleet
 from shockrig.analysis.fleet.statistics import LEAST_VARIANCE, film
-from shockrig.analysis.plan.evidence import REJECTED_FROM, averaged, expected
-from shockrig.analysis.plan.goals import Goals, Place
-from shockrig.analysis.plan.information import Information, information, rates_at
-from shockrig.analysis.plan.judged import ChannelLook
-from shockrig.analysis.plan.precision import Target
-from shockrig.analysis.plan.varied import shock_of, variety
-from shockrig.files.campaign import Run
 from shockrig.files.fleet_file import ALPHA, Coordinate, Population
 
 Array = NDArray[np.float64]
 ENOUGH_T63 = 9.0  # of record after the transfer in which a film's rate is told: 98 % of its step takes 4.7
 ENOUGH_BEAD_T63 = 14.0
-MOST_TOLD = REJECTED_FROM - 0.5  # ln E against a rival, of one that still stands
 MOST_AMBIENTS = 3  # at which runs that decide are looked for
 
 
@@ -67,6 +62,40 @@ class Precise:
         """With that run made."""
         info = replace(self.info, known=self.info.known + self.info.added[m])
         return replace(self, info=info, runs=self.runs + self.helped(m))
+
+
+@dataclass(frozen=True)
+class KnownSoFar:
+    """What each probe's runs tell of what goals want: `found` of each probe, `fleets` of those whose type's
+    `population` is known; and the ambients at which a film's rate is wanted."""
+
+    ambients_c: Sequence[float]
+    wanted: Sequence[Target]
+    found: Mapping[str, Characterization | None] = field(default_factory=dict)
+    fleets: Mapping[str, WithFleet] = field(default_factory=dict)
+    population: Population | None = None
+
+    def precise(self, menu: Sequence[PlannedShock]) -> Iterator[Precise]:
+        """What runs would say of the rates that are wanted, as far as anything is known to design by."""
+        for probe, one in self.found.items():
+            for name, result in ({} if one is None else one.channels()).items():
+                own = [t for t in self.wanted if (t.channel, t.probe) == (name, probe)]
+                belongs = probe in self.fleets and self.fleets[probe].belongs(name)
+                if own:
+                    yield _precise(name, result, own, self.ambients_c, menu, self.population if belongs else None)
+
+    def menu(
+        self,
+        disputes: Sequence[OpenDispute] | None,
+        usual: Usual,
+        allowed: Callable[[PlannedShock], bool],
+    ) -> tuple[PlannedShock, ...]:
+        """Runs that could be made; no deciding ones where `disputes` is None."""
+        dwells = partial(_dwell_s, self.found)
+        menu = precision_menu(self.ambients_c, usual, dwells)
+        if disputes is not None:
+            menu += deciding_menu(deciding_ambients(disputes), usual, dwells)
+        return tuple(dict.fromkeys(s for s in menu if allowed(s)))
 
 
 @dataclass(frozen=True)
@@ -102,33 +131,19 @@ class Designs:
     @classmethod
     def of(
         cls,
-        found: Mapping[str, Characterization | None],
-        looks: Mapping[Place, ChannelLook],
-        wanted: Sequence[Target],
-        goals: Goals,
-        usual: Usual,
-        allowed: Callable[[PlannedShock], bool],
-        first: Run | None = None,
-        population: Population | None = None,
-        fleets: Mapping[str, WithFleet] = MappingProxyType({}),
+        menu: Sequence[PlannedShock],
+        disputes: Sequence[OpenDispute],
+        known: KnownSoFar | None = None,
+        again: PlannedShock | None = None,
+        channels: Sequence[Channel] = (),
     ) -> Designs:
-        """The menu for what is wanted, as far as anything is known to design by; `found` of each probe, `fleets` of
-        those whose type's population is known."""
-        shocks = menu_of(found, looks, goals, usual, allowed)
-        again = None if first is None else shock_of(first)
-        anchor = None
-        if again is not None and allowed(again):
-            anchor = len(shocks)
-            shocks += (replace(again, why="the first run once more: does anything drift?"),)
-        precise = []
-        for probe, one in found.items() if shocks else ():
-            for name, result in ({} if one is None else one.channels()).items():
-                own = [t for t in wanted if (t.channel, t.probe) == (name, probe)]
-                belongs = population is not None and probe in fleets and fleets[probe].belongs(name)
-                if own:
-                    precise.append(_precise(name, result, own, goals, shocks, population if belongs else None))
-        told = _told_apart(looks.values() if goals.ties and shocks else (), shocks)
-        return cls(shocks, anchor, tuple(precise), *told, partial(variety, looks if goals.ties else {}, shocks))
+        """A menu for what is tied and what is to be known better, with the variety that `channels` lack; `again` is the
+        run that tells whether anything drifts."""
+        anchor = [] if again is None else [replace(again, why="the first run once more: does anything drift?")]
+        shocks = (*menu, *anchor)
+        precise = () if known is None or not shocks else tuple(known.precise(shocks))
+        told = told_apart(disputes if shocks else (), shocks)
+        return cls(shocks, len(menu) if anchor else None, precise, *told, partial(variety, channels, shocks))
 
     def after(self, m: int) -> Designs:
         """With run `m` of the menu made."""
@@ -145,13 +160,13 @@ def _precise(
     name: ChannelName,
     result: ChannelResult,
     wanted: Sequence[Target],
-    goals: Goals,
+    ambients_c: Sequence[float],
     shocks: Sequence[PlannedShock],
     population: Population | None,
 ) -> Precise:
     """What runs would say of the rates that are wanted of a channel; with its type's population, where it is of it."""
     part = result.parts[0]
-    info = information(part.problem, part.fit, result.noise, shocks, goals.ambients_c)
+    info = information(part.problem, part.fit, result.noise, shocks, ambients_c)
     plain = not part.fit.structure.effects and not QUANTITIES[name].pooled
     used = np.array([s.isothermal or not plain for s in shocks])
     info = replace(info, added=info.added * used[:, None, None])
@@ -161,20 +176,6 @@ def _precise(
     now, runs = info.variances(info.known), np.array([t.runs for t in wanted])
     factors = np.array([t.relative**2 / now[g] if t.runs else 1.0 for t, g in zip(wanted, places, strict=True)])
     return Precise(info, tuple(zip(wanted, places, strict=True)), runs, factors)
-
-
-def _told_apart(looks: Iterable[ChannelLook], shocks: Sequence[PlannedShock]) -> tuple[Array, Array, Array]:
-    """Of all pairs of tied explanations `pairs`, `needed` and `evidence`, as `Designs` has them."""
-    pairs, needed, evidence = [], [], np.zeros(len(shocks))
-    for look in looks:
-        if (open_ := look.open_dispute) is None:
-            continue
-        told, each_further = expected(*open_, shocks)
-        evidence = np.maximum(evidence, averaged(told.max(axis=1), open_.dispute))
-        for i, j in permutations(range(len(told)), 2):
-            pairs.append(np.maximum(each_further[i, j], 0.0))
-            needed.append(REJECTED_FROM - float(np.clip(open_.dispute.so_far[j], 0.0, MOST_TOLD)))
-    return np.array(pairs).reshape(len(pairs), len(shocks)), np.array(needed), evidence
 
 
 def _beforehand(info: Information, population: Population, name: ChannelName) -> Array:
@@ -187,21 +188,6 @@ def _beforehand(info: Information, population: Population, name: ChannelName) ->
     known = np.zeros_like(info.known)
     known[:rates, :rates] = np.linalg.inv(covariance)
     return known
-
-
-def menu_of(
-    found: Mapping[str, Characterization | None],
-    looks: Mapping[Place, ChannelLook],
-    goals: Goals,
-    usual: Usual,
-    allowed: Callable[[PlannedShock], bool],
-) -> tuple[PlannedShock, ...]:
-    """Runs that could be made for some goals, from what is known so far."""
-    dwells = partial(_dwell_s, found)
-    menu = precision_menu(goals.ambients_c, usual, dwells)
-    if goals.ties:
-        menu += deciding_menu(_deciding_ambients(looks), usual, dwells)
-    return tuple(dict.fromkeys(s for s in menu if allowed(s)))
 
 
 def _dwell_s(found: Mapping[str, Characterization | None], ambient_c: float, isothermal: bool) -> float:
@@ -222,13 +208,11 @@ def _t63_s(result: ChannelResult, name: ChannelName, ambient_c: float) -> float:
     return float(np.exp(-at[0]))
 
 
-def _deciding_ambients(looks: Mapping[Place, ChannelLook]) -> list[float]:
+def deciding_ambients(disputes: Iterable[OpenDispute]) -> list[float]:
     """Ambients with runs already, about the usual one: elsewhere a new rate would take up what a run says."""
     seen: dict[float, float] = {}
-    for look in looks.values():
-        if look.problem is not None and look.rivals:
-            channel = look.problem.channel
-            for t in channel.conditions.destination_c if channel.quantity.pooled else channel.ambients_c:
-                seen[float(round(t))] = abs(t - USUAL_C)
+    for channel in (one.problem.channel for one in disputes):
+        for t in channel.conditions.destination_c if channel.quantity.pooled else channel.ambients_c:
+            seen[float(round(t))] = abs(t - USUAL_C)
     nearest = sorted(seen, key=seen.__getitem__)
     return nearest[:MOST_AMBIENTS] or [USUAL_C]

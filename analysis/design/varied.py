@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.diagnose.shock import SHORTEST_S, USUAL_C, PlannedShock, Surroundings, Usual
+from shockrig.analysis.design.goals import Goals
+from shockrig.analysis.design.minutes import airs_of_run, recorded_s
+from shockrig.analysis.design.shock import ORDINARY, SHORTEST_S, USUAL_C, PlannedShock, Surroundings, Usual
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.quantity import QUANTITIES
-from shockrig.analysis.plan.goals import Goals, Place
-from shockrig.analysis.plan.judged import ChannelLook
-from shockrig.analysis.plan.minutes import airs_of_run, recorded_s
 from shockrig.files.campaign import Campaign, Run
 
 Array = NDArray[np.float64]
@@ -22,19 +21,14 @@ OTHER_PRESSURE = 0.03  # relative difference from which on a pressure is another
 OTHER_FLOW = 1.5  # times as much airflow is another one
 
 
-def variety(
-    looks: Mapping[Place, ChannelLook], shocks: Sequence[PlannedShock], planned: Sequence[PlannedShock] = ()
-) -> Array:
+def variety(channels: Sequence[Channel], shocks: Sequence[PlannedShock], planned: Sequence[PlannedShock] = ()) -> Array:
     """Worth (M, 2) of the runs that vary what fewer than two of a channel's runs have: direction, airflow.
 
     Of each made once, and of the second of two. One run says nothing: runs differ. A step that is smaller than the
     largest so far says as much less. Runs that are `planned` count as recorded.
     """
     bonus = np.zeros((len(shocks), 2))
-    for look in looks.values():
-        if look.problem is None:
-            continue
-        channel = look.problem.channel
+    for channel in channels:
         least = channel.quantity.least_step
         steps = np.array([*channel.quantity.step(channel.conditions), *(_step_of(channel, s) for s in planned)])
         flows = np.array([*channel.conditions.airflow_m_s, *(s.airflow_m_s for s in planned)])
@@ -98,20 +92,38 @@ def shock_of(run: Run) -> PlannedShock | None:
 
 def usual_of(campaign: Campaign | None, goals: Goals, surroundings: Surroundings) -> Usual:
     """What runs of a campaign have that nothing is said of, and what else they can have."""
-    low, high = min(*goals.ambients_c, USUAL_C), max(*goals.ambients_c, 2 * USUAL_C)
     runs = () if campaign is None else campaign.runs
-    airs = [a.temperature_c for r in runs for a in (r.source, r.destination) if a.temperature_c is not None]
-    flows = [run.airflow_m_s for run in runs if run.airflow_m_s]
-    lights = {float(x) for run in runs if isinstance(x := run.extra.get("irradiance_w_m2"), int | float) and x > 0}
-    pressure = round(float(np.median([run.pressure_hpa for run in runs])), 2) if runs else Usual.pressure_hpa
-    others = {round(p, -1) for run in runs if abs((p := run.pressure_hpa) / pressure - 1.0) > OTHER_PRESSURE}
-    others |= {p for p in surroundings.pressures_hpa if abs(p / pressure - 1.0) > OTHER_PRESSURE}
+    return usual(
+        [a.temperature_c for r in runs for a in (r.source, r.destination) if a.temperature_c is not None],
+        [run.airflow_m_s for run in runs if run.airflow_m_s is not None],
+        [run.pressure_hpa for run in runs],
+        [x for run in runs if isinstance(x := run.extra.get("irradiance_w_m2"), int | float)],
+        goals.ambients_c,
+        surroundings,
+    )
+
+
+def usual(
+    airs_c: Sequence[float] | Array,
+    flows_m_s: Sequence[float] | Array,
+    pressures_hpa: Sequence[float] | Array,
+    lights_w_m2: Sequence[float] | Array,
+    wanted_c: Sequence[float] = (),
+    surroundings: Surroundings = ORDINARY,
+) -> Usual:
+    """The same from what runs had, and the ambients that are wanted."""
+    flows = [flow for flow in flows_m_s if flow > 0.0]
+    pressure = round(float(np.median(pressures_hpa)), 2) if len(pressures_hpa) else Usual.pressure_hpa
+    every = [*(round(float(p), -1) for p in pressures_hpa), *surroundings.pressures_hpa]
+    others = {p for p in every if abs(p / pressure - 1.0) > OTHER_PRESSURE}
+    lights = {float(x) for x in (*lights_w_m2, *surroundings.irradiances_w_m2) if x > 0.0}
+    airs = [*wanted_c, *airs_c]
     return Usual(
         airflow_m_s=round(float(np.median(flows)), 2) if flows else Usual.airflow_m_s,
         pressure_hpa=pressure,
-        other=Surroundings(tuple(sorted(others)), tuple(sorted(lights | set(surroundings.irradiances_w_m2)))),
-        coldest_c=round(min([low, *airs])),
-        warmest_c=round(max([high, *airs])),
+        other=Surroundings(tuple(sorted(others)), tuple(sorted(lights))),
+        coldest_c=round(min([*airs, USUAL_C])),
+        warmest_c=round(max([*airs, 2 * USUAL_C])),
     )
 
 
