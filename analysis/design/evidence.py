@@ -23,8 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.design.imagined import imagined, rates_known
-from shockrig.analysis.design.information import nats
+from shockrig.analysis.design.information import imagined, nats, rates_known
 from shockrig.analysis.design.shock import PlannedShock
 from shockrig.analysis.effects import in_channel
 from shockrig.analysis.effects.described import is_described

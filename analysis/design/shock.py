@@ -128,10 +128,7 @@ class Usual:
 
 def opening(middle_c: float, usual: Usual) -> list[PlannedShock]:
     """The first runs of a campaign: both quantities, both directions, at one ambient."""
-    warm = _warm(middle_c)
-    dry, wet, here = (middle_c, 20.0), (middle_c, 80.0), (middle_c, 55.0)
-    pairs = ((dry, wet), (wet, dry), (warm, here), (here, warm))
-    return [_between(usual, *pair, LONG_S, "no run has shown it yet") for pair in pairs]
+    return [_between(usual, *pair, LONG_S, "no run has shown it yet") for pair in _both_ways(middle_c).values()]
 
 
 def precision_menu(
@@ -143,12 +140,7 @@ def precision_menu(
     """
     menu = []
     for t in ambients_c:
-        shocks = {
-            "humidity up": ((t, 20.0), (t, 80.0)),
-            "humidity down": ((t, 80.0), (t, 20.0)),
-            "temperature down": (_warm(t), (t, 55.0)),
-            "temperature up": ((t - WARMER_K, 55.0), _warm(t - WARMER_K)),
-        }
+        shocks = _both_ways(t) | {"temperature up": _both_ways(t - WARMER_K)["temperature up"]}
         for why, (source, destination) in shocks.items():
             enough = dwell_s(destination[0], source[0] == destination[0])
             menu += [_between(usual, source, destination, round(f * enough), why) for f in (1.0, 1.7)]
@@ -167,21 +159,15 @@ def deciding_menu(
     variants = {
         **airflows,
         "the transfer slowed": {"transfer_s": SLOWED_S},
-        "recorded for longer": {"dwell_s": LONGEST_S},
         "recorded for longer before it": {"lead_s": LONG_LEAD_S},
         **{f"under {light:g} W/m2": {"irradiance_w_m2": light} for light in usual.other.irradiances_w_m2},
         **{f"at {pressure:g} hPa": {"pressure_hpa": pressure} for pressure in usual.other.pressures_hpa},
     }
     menu = []
     for t in ambients_c:
-        warm, here = _warm(t), (t, 55.0)
-        shocks = {
-            "temperature down": (warm, here),
-            "temperature up": (here, warm),
-            "a larger step of temperature": (_warm(t, 2.0 * WARMER_K), here),
+        shocks = _both_ways(t) | {
+            "a larger step of temperature": (_warm(t, 2.0 * WARMER_K), (t, 55.0)),
             "a small step of temperature": ((t + 7.0, 40.0), (t, 50.0)),
-            "humidity up": ((t, 20.0), (t, 80.0)),
-            "humidity down": ((t, 80.0), (t, 20.0)),
             "a small step at high humidity": ((t, 65.0), (t, 80.0)),
             "a small step at low humidity": ((t, 35.0), (t, 20.0)),
             "a small step down at high humidity": ((t, 80.0), (t, 65.0)),
@@ -189,11 +175,24 @@ def deciding_menu(
         for why, (source, destination) in shocks.items():
             enough = LONG_S if dwell_s is None else float(round(dwell_s(destination[0], source[0] == destination[0])))
             base = _between(usual, source, destination, max(LONG_S, enough), why)
-            menu += [base, *(replace(base, why=f"{why}, {more}", **other) for more, other in variants.items())]
+            longer = {"recorded for longer": {"dwell_s": LONGEST_S}} if base.dwell_s < LONGEST_S else {}
+            others = variants | longer
+            menu += [base, *(replace(base, why=f"{why}, {more}", **other) for more, other in others.items())]
             if enough < LONG_S:
                 short = replace(base, dwell_s=enough)
                 menu += [replace(short, why=f"{why}, {more}", **other) for more, other in airflows.items()]
     return [shock for shock in menu if usual.allows(shock)]
+
+
+def _both_ways(t: float) -> dict[str, tuple[tuple[float, float], tuple[float, float]]]:
+    """The airs [degC, %RH] of a step of either quantity in either direction about an ambient."""
+    dry, wet, warm, here = (t, 20.0), (t, 80.0), _warm(t), (t, 55.0)
+    return {
+        "humidity up": (dry, wet),
+        "humidity down": (wet, dry),
+        "temperature down": (warm, here),
+        "temperature up": (here, warm),
+    }
 
 
 def _between(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from shockrig.analysis.design.designs import Designs, deciding_ambients
 from shockrig.analysis.design.evidence import OpenDispute
 from shockrig.analysis.design.minutes import learn
 from shockrig.analysis.design.precision import FEWEST_RUNS
-from shockrig.analysis.design.shock import USUAL_C, PlannedShock, Usual, deciding_menu
+from shockrig.analysis.design.shock import USUAL_C, PlannedShock, Usual, deciding_menu, opening
 from shockrig.analysis.design.varied import usual
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import Fit
@@ -46,9 +47,9 @@ def unseen(channel: Channel) -> list[dict[str, Any]]:
         return []
     flows = (float(c.airflow_m_s.min()), float(c.airflow_m_s.max()))
     beyond = 0.5 * flows[0] if flows[0] > 2.0 * STEADY_M_S else max(1.5 * flows[1], STEADY_M_S)
-    airs = (USUAL_C, 20.0, USUAL_C, 80.0) if channel.jumps_with_air else (USUAL_C + 20.0, 18.0, USUAL_C, 55.0)
     words = "at an airflow that was not seen: what was described is known at the recorded ones alone"
-    return [_asked_for(PlannedShock(*airs, round(beyond, 2), pressure_hpa=_usual(channel).pressure_hpa, why=words))]
+    shock = next(one for one in opening(USUAL_C, _usual(channel)) if one.shows == channel.name)
+    return [_asked_for(replace(shock, airflow_m_s=round(beyond, 2), why=words))]
 
 
 def _usual(channel: Channel) -> Usual:

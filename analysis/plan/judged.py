@@ -19,9 +19,7 @@ from shockrig.analysis.diagnose.prepare import Prepared, prepare
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.effects.described import described, discovered_of, is_described
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.fit import Fit
 from shockrig.analysis.estimate.gather import build_channel
-from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import ChannelName
 from shockrig.files.campaign import Campaign
@@ -119,24 +117,16 @@ MORE_RUNS = 1.2  # times as many as at the last diagnosis, from which on one tha
 
 @dataclass(frozen=True)
 class ChannelLook:
-    """A channel at one look: its verdict, and the fits that a design needs (None where it cannot be diagnosed).
+    """A channel at one look: its verdict, the problem (None where it cannot be diagnosed), and the explanations that
+    stand beside one another, as evidence is expected of them (None where there is one).
 
     `given_up` is True where many runs were made, and too few of them can be used to judge by.
     """
 
     verdict: Verdict
     problem: Problem | None = None
-    noise: Noise | None = None
-    rivals: tuple[Fit, ...] = ()
+    tied: OpenDispute | None = None
     given_up: bool = False
-
-    @property
-    def open_dispute(self) -> OpenDispute | None:
-        """The explanations that stand beside one another, as evidence is expected of them; None where there is one."""
-        dispute = self.verdict.dispute
-        if self.problem is None or self.noise is None or dispute is None or not self.rivals:
-            return None
-        return OpenDispute(self.problem, self.noise, self.rivals, dispute)
 
 
 class Looks(dict[Place, ChannelLook]):
@@ -150,7 +140,7 @@ class Looks(dict[Place, ChannelLook]):
     @property
     def disputes(self) -> list[OpenDispute]:
         """What is tied anywhere."""
-        return [open_ for look in self.values() if (open_ := look.open_dispute) is not None]
+        return [look.tied for look in self.values() if look.tied is not None]
 
     @property
     def channels(self) -> list[Channel]:
@@ -210,8 +200,10 @@ def look_at(
             found = diagnose_channel(channel, earlier=now.causes, describing=final, ready=ready)
             ready = replace(ready, problem=found.problem, noise=found.noise, structure=found.plain.structure)
             now = _taken(outcome_of(found), now, final, ready)
-    rivals = tuple(fitted(ready.problem, e, base) for e in now.standing) if len(now.standing) > 1 else ()
-    return ChannelLook(now, ready.problem, ready.noise, rivals)
+    if now.dispute is None or now.decided:
+        return ChannelLook(now, ready.problem)
+    fits = tuple(fitted(ready.problem, e, base) for e in now.standing)
+    return ChannelLook(now, ready.problem, OpenDispute(ready.problem, ready.noise, fits, now.dispute))
 
 
 def _taken(found: ChannelOutcome, before: Verdict, final: bool, ready: Prepared) -> Verdict:
