@@ -20,7 +20,7 @@ from shockrig.analysis.diagnose.diagnosed import NO_STEP, ChannelDiagnosis, Diag
 from shockrig.analysis.diagnose.experiments import propose, unseen
 from shockrig.analysis.diagnose.gain import Gain, HeldOutPart, held_out_parts, measure_gain
 from shockrig.analysis.diagnose.open_questions import cannot_tell, left_open, mostly_unsettled
-from shockrig.analysis.diagnose.predicting import predicting_model
+from shockrig.analysis.diagnose.predicting import outdone, predicting_model
 from shockrig.analysis.diagnose.prepare import Prepared, likelier_average, prepare, with_rounding
 from shockrig.analysis.diagnose.remainder import Tolerance, describe, measure_remainder
 from shockrig.analysis.diagnose.restless import bursts, without_hums
@@ -40,7 +40,7 @@ from shockrig.files.numbers import counted
 Progress = Callable[[str], None]
 
 MOST_IN_PLACE = 3  # models tied with one that runs held out refute, that are tried in its place
-SETTLED = ("adequate", "explained")  # verdicts of a model that leaves nothing which another could predict
+SETTLED = ("adequate", "explained")  # verdicts of a model that leaves nothing, unless another leaves less
 PARTED = "another_sensor"  # kind of the input's finding that runs fall into groups
 
 
@@ -114,7 +114,9 @@ def diagnose_channel(
         problem=problem,
         noise=ready.noise,
         final=final,
-        predicting=stands if said in SETTLED else predicting_model(ready, found, stands, shown),
+        predicting=predicting_model(ready, found, stands, shown)
+        if said not in SETTLED or outdone(problem, found)
+        else stands,
         untestable=tuple(
             id_ for id_, effect in CATALOGUE.items() if channel.name in effect.channels and not effect.acts_in(channel)
         ),

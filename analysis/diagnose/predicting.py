@@ -15,6 +15,7 @@ from shockrig.analysis.diagnose.stated_effects import causes_in, forms_in
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import Fit
 from shockrig.analysis.estimate.predictive import BUMP_COUNT, bumps, no_surer, score
+from shockrig.analysis.estimate.problem import Problem
 from shockrig.files.diagnosis_data import Discovered
 
 MOST_PREDICTING = 12  # models of each of two orders that are tried beside the stated and the plain one
@@ -56,6 +57,15 @@ def predicting_model(ready: Prepared, found: Search, stands: Predicting, shown: 
         (*forms_in(problem, stated_so, final), *shown),
         (float(np.sqrt(before)), float(np.sqrt(least))),
     )
+
+
+def outdone(problem: Problem, found: Search) -> bool:
+    """Whether another model that was weighed leaves less of the runs than the stated one where each has a rate of its
+    own: beside what is a whole explanation, none does."""
+    channel = problem.channel
+    left = [float(squares_of_bins(channel, one.fit.residual).mean()) for one, _ in found.predictors]
+    own = float(squares_of_bins(channel, found.best.fit.residual).mean())
+    return _loss(channel, own) - _loss(channel, np.nanmin(left)) > AS_GOOD
 
 
 def _loss(channel: Channel, square: float) -> float:

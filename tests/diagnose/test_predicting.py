@@ -5,7 +5,7 @@ import pytest
 from foreign_lab import Arrival, Lab, LabLogger, LabRun, Written, make_body, record
 from small_worlds import record as record_small
 
-from shockrig.analysis.diagnose import predicting
+from shockrig.analysis.diagnose import diagnose, predicting
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.extended import extended_result
 from shockrig.analysis.diagnose.gain import plainly, run_errors
@@ -57,6 +57,15 @@ def test_an_effect_that_is_not_sure_enough_to_be_named_predicts_all_the_same(cha
     assert carried and set(carried) == found.predicting.model.ids
     said = predicting_sentence(found)
     assert all(effect.replace("_", " ") in said for effect in carried) and said.endswith(" K.")
+
+
+def test_what_leaves_less_predicts_though_the_verdict_is_that_nothing_is_left(channels, monkeypatch):
+    """Before: of two runs one refuted the right model, and the next one that was stated predicted twice as badly."""
+    monkeypatch.setitem(THRESHOLDS, "named", DiagnosisThreshold(1.1, "no effect is ever as probable"))
+    monkeypatch.setattr(diagnose, "verdict", lambda standing: "adequate")
+    found = diagnose_channel(channels[0], describing=False)
+    stated, own = found.predicting.errors
+    assert found.verdict == "adequate" and own < 0.5 * stated and found.predicting.model.ids
 
 
 def test_what_rates_depend_on_predicts_though_runs_with_rates_of_their_own_hide_it(tmp_path, monkeypatch):
