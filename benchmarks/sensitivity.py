@@ -12,6 +12,8 @@ A number is an entry of the table of thresholds (`level:effect`) or a constant o
     grown    as hidden, looked at after 6 and 12 runs and at the end, as a planner does
     hums     half with a hum of 0.03 to 1 of the noise, some of these with bursts; a quarter with air that walks at
              random; the plateaus alone are looked at
+    whole    as hidden, and all that a diagnosis says is looked at: what was tried and what predicts, what it cannot
+             tell, what it proposes. Every number of the rooms diagnose is one of its (`--numbers` for some of them)
 
 Per number: how many channels are right (all that is hidden named, nothing else, the right verdict; of hums, the period
 within 1 %), of how many anything else is said than as it is, and the error on unseen runs over that as it is (geometric
@@ -21,6 +23,7 @@ mean). A number at which nothing changes is one to leave out. With --out it can 
 from __future__ import annotations
 
 import argparse
+import ast
 import atexit
 import functools
 import shutil
@@ -36,8 +39,10 @@ from ablation_rules import Rule, number_of, without
 from resumed import scored
 
 from shockrig.analysis.checks.campaign_checks import checked
-from shockrig.analysis.diagnose.diagnose import diagnose_channel
+from shockrig.analysis.diagnose import diagnose as diagnosing
+from shockrig.analysis.diagnose.diagnose import diagnose_channel, next_experiments
 from shockrig.analysis.diagnose.restless import bursts, without_hums
+from shockrig.analysis.diagnose.search import search
 from shockrig.analysis.diagnose.thresholds import THRESHOLDS
 from shockrig.analysis.estimate.channel import rebin
 from shockrig.analysis.estimate.gather import build_channel
@@ -74,6 +79,9 @@ NUMBERS_OF = {
     "hums": [f"diagnose.restless.{name}" for name in RESTLESS],
 }
 AS_IT_IS = "as it is"
+# Modules of the room diagnose whose numbers a search reads.
+SEARCHING = frozenset({"search", "candidates", "grammar", "refitting", "prepare", "adequacy", "restless"})
+_SEARCHES: dict[Any, Any] = {}
 
 
 @functools.cache
@@ -81,6 +89,32 @@ def _folder() -> Path:
     folder = tempfile.mkdtemp(prefix="sensitivity")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return Path(folder)
+
+
+def numbers_in(room: str) -> list[str]:
+    """All constants of the modules of a room of the analysis that hold a number: `room.module.NAME`."""
+    home, found = Path(diagnosing.__file__).parents[1], []
+    for path in sorted((home / room).glob("*.py")):
+        for line in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(line, ast.Assign) and any(isinstance(part, ast.Constant) for part in ast.walk(line.value)):
+                names = [one.id for one in ast.walk(line) if isinstance(one, ast.Name)]
+                places = [f"{room}.{path.stem}.{name}" for name in names if name.isupper()]
+                found += [place for place in places if scaled(number_of(place), 2.0) is not None]
+    return found
+
+
+def scaled(own: Any, factor: float) -> Any:
+    """A number times a factor, a whole number as a whole one; each of several; None of what holds none."""
+    if isinstance(own, bool) or not isinstance(own, (int, float, tuple, dict, np.ndarray)):
+        return None
+    if isinstance(own, int):
+        return max(round(own * factor), 1)
+    if isinstance(own, (tuple, dict)):
+        parts = [scaled(one, factor) for one in (own.values() if isinstance(own, dict) else own)]
+        if not parts or any(one is None for one in parts):
+            return None
+        return tuple(parts) if isinstance(own, tuple) else dict(zip(own, parts, strict=True))
+    return own * factor
 
 
 def campaign(seed: int, hidden: Sequence[Hidden]) -> Campaign:
@@ -115,6 +149,25 @@ def _diagnosed(found: Campaign, hidden: dict[str, list[str]]) -> list[Line]:
 def diagnosed(seed: int) -> list[Line]:
     """What is said of each channel of a campaign."""
     return _diagnosed(*_hidden(seed))
+
+
+def whole(seed: int) -> list[Line]:
+    """All that is said of each channel of a campaign, as far as it is no bare figure."""
+    found, hidden = _hidden(seed)
+    input_, lines = checked(found), []
+    for name in hidden:
+        channel = build_channel(input_.campaign, name)
+        if channel is not None:
+            one = diagnose_channel(channel, findings=input_.findings)
+            named = sorted(cause.effect for cause in one.causes)
+            right = named == hidden[name] and one.verdict == ("explained" if hidden[name] else "adequate")
+            forms = [[form.behaves_as, *(on.factor for on in form.depends_on)] for form in one.discovered]
+            ties = [sorted(cause.indistinguishable_from) for cause in one.causes]
+            told = [sorted(one.tried), sorted(one.predicting.model.ids), len(one.cannot_tell)]
+            asked = [{k: v for k, v in run.items() if k != "expected_evidence"} for run in next_experiments(one)]
+            said = [one.verdict, named, forms, ties, told, asked]
+            lines.append({"right": right and not forms, "said": said, "error": one.gain.after})
+    return lines
 
 
 def of_logger(seed: int) -> list[Line]:
@@ -179,14 +232,25 @@ KINDS: dict[str, Callable[[int], list[Line]]] = {
     "untimed": untimed,
     "grown": grown,
     "hums": hums,
+    "whole": whole,
 }
 
 
 def changed(name: str, factor: float) -> Rule:
-    """A number times a factor, a whole number as a whole one; as it is for a factor of one."""
-    own = number_of(name)
-    value = max(round(own * factor), 1) if isinstance(own, int) else own * factor
-    return Rule(name, "", {name: value})
+    """A number times a factor; where no search reads it, what the search of the same problem found is not sought
+    anew."""
+    instead = {name: scaled(number_of(name), factor)}
+    if name.startswith("diagnose.") and name.split(".")[1] not in SEARCHING:
+        instead["diagnose.diagnose.search"] = _remembered
+    return Rule(name, "", instead)
+
+
+def _remembered(problem: Any, base: Any, earlier: Any, describing: bool) -> Any:
+    """A search, once for each campaign's channel as it is searched."""
+    key = problem.channel.name, base.ids, describing, problem.channel.value.tobytes()
+    if key not in _SEARCHES:
+        _SEARCHES[key] = search(problem, base, earlier, describing)
+    return _SEARCHES[key]
 
 
 def row(lines: list[Line], usual: dict[tuple[Any, ...], Line]) -> str:
@@ -196,6 +260,11 @@ def row(lines: list[Line], usual: dict[tuple[Any, ...], Line]) -> str:
     ratios = [one["error"] / then["error"] for one, then in pairs if one.get("error") and then.get("error")]
     error = f"{np.exp(np.mean(np.log(ratios))):8.4f}" if ratios else f"{'':8}"
     return f"{sum(one['right'] for one in lines):>5}/{len(lines):<4}{others:>6} {error}"
+
+
+def _shown(number: str) -> str:
+    own = "" if number == AS_IT_IS else number_of(number)
+    return f"{own:g}" if isinstance(own, (int, float)) else f"{len(own)} of them" if number != AS_IT_IS else ""
 
 
 def main() -> int:
@@ -217,7 +286,7 @@ def main() -> int:
     jobs = [
         (number, factor, kind, seed)
         for kind in args.kinds
-        for number in (AS_IT_IS, *(args.numbers or NUMBERS_OF[kind]))
+        for number in (AS_IT_IS, *(args.numbers or NUMBERS_OF.get(kind) or numbers_in("diagnose")))
         for factor in ((1.0,) if number == AS_IT_IS else (0.5, 2.0))
         for seed in seeds
     ]
@@ -230,7 +299,7 @@ def main() -> int:
         print(kind)
         for number, factor in dict.fromkeys(job[:2] for job in jobs if job[2] == kind):
             own = [one for one in lines if (one["kind"], one["number"], one["factor"]) == (kind, number, factor)]
-            value = f"{number_of(number):10g}" if number != AS_IT_IS else f"{'':10}"
+            value = f"{_shown(number)!s:>10}"
             print(f"{number:<34}{value}{factor:>6g}{row(own, usual)}")
     return 0
 

@@ -224,14 +224,14 @@ class Gain:
         return bool(np.isfinite(self.run_before).any())
 
 
-def folds(channel: Channel, count: int = FOLDS) -> NDArray[np.int64]:
+def folds(channel: Channel) -> NDArray[np.int64]:
     """Fold of each run (R,): runs of one ambient are spread over the folds, so that each training part knows its D.
 
     So are those of either medium, and, where nobody recorded the airflow, of either direction: places may differ.
     """
     air, fold = channel.conditions, np.zeros(channel.runs, dtype=int)
     up = (channel.quantity.step(air) > 0) & ~air.airflow_known.any()
-    fold[np.lexsort((up, air.elsewhere, channel.ambient))] = np.arange(channel.runs) % min(count, channel.runs)
+    fold[np.lexsort((up, air.elsewhere, channel.ambient))] = np.arange(channel.runs) % min(FOLDS, channel.runs)
     return fold
 
 

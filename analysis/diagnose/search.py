@@ -222,7 +222,7 @@ class Race:
         prior = sum(self.priors.get(id_, 0.0) for id_ in found.structure.ids)
         return Rated(found, score(self.problem, found, self.bump), prior)
 
-    def fitted(self, structure: Structure, theta: Array, deviations: Array, steps: int = WHOLE_STEPS) -> Rated:
+    def fitted(self, structure: Structure, theta: Array, deviations: Array, steps: int) -> Rated:
         """A structure fitted from a start."""
         self.fits += 1
         return self.rated(fit(self.problem, structure, theta, deviations, steps))
@@ -439,9 +439,9 @@ class Race:
             current = less
         return current
 
-    def grown(self, current: Rated, among: Sequence[Candidate], most: int = MOST_EFFECTS) -> Rated:
+    def grown(self, current: Rated, among: Sequence[Candidate], most: int | None = None) -> Rated:
         """A model with all that gains on unseen runs, one after another."""
-        while len(current.ids - self.fixed) < most:
+        while len(current.ids - self.fixed) < (most or MOST_EFFECTS):
             found = self.forward(current, among)
             if found is None or found.value <= current.value:
                 break
@@ -481,7 +481,7 @@ class Race:
                     trial = self.pool[frozenset(structure.ids)]
                 else:
                     theta = _carried(current.fit, structure, effect, other)
-                    trial = self.fitted(structure, theta, current.fit.deviations)
+                    trial = self.fitted(structure, theta, current.fit.deviations, WHOLE_STEPS)
                     if not self.is_sound(trial):
                         continue
                     trial = self.keep(trial)
@@ -545,7 +545,7 @@ def search(
     # the whole of it, unless two that are listed are better.
     law = race.with_one(plain, forms)
     whole = law.value > race.with_one(plain, entries).value and race.with_one(law, among) is law
-    named = race.grown(plain, entries, A_PAIR if whole else MOST_EFFECTS)
+    named = race.grown(plain, entries, A_PAIR if whole else None)
     if not whole:
         named = max(named, _from_runner_up(race, named, entries), key=_value)
     named = max(named, resumed, key=_value)
@@ -624,7 +624,7 @@ def _resumed(race: Race, plain: Rated, earlier: Earlier) -> Rated:
         return plain
     anew = begun_anew(race.problem, plain.fit)
     rates = rough_rates(race.problem, structure, anew, choice)
-    begun = race.fitted(structure, Model(race.problem.channel, structure).start(rates, choice), anew)
+    begun = race.fitted(structure, Model(race.problem.channel, structure).start(rates, choice), anew, WHOLE_STEPS)
     if not race.is_sound(begun):
         return plain
     return max(plain, race.pruned(race.keep(race.finished(begun))), key=_value)

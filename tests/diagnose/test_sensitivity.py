@@ -8,12 +8,23 @@ from shockrig.rig.virtual.truth import Hidden
 
 def test_every_number_whose_sensitivity_is_counted_is_there_and_is_itself_again_afterwards():
     sensitivity, rules = benchmark("sensitivity"), benchmark("ablation_rules")
-    assert sensitivity.NUMBERS_OF.keys() == sensitivity.KINDS.keys()
-    for name in (name for names in sensitivity.NUMBERS_OF.values() for name in names):
+    assert {*sensitivity.NUMBERS_OF, "whole"} == sensitivity.KINDS.keys()
+    listed = [name for names in sensitivity.NUMBERS_OF.values() for name in names]
+    every = sensitivity.numbers_in("diagnose")
+    assert {name for name in listed if name.startswith("diagnose.")} < set(every)
+    for name in (*listed, *every):
         own = rules.number_of(name)
         with rules.without(sensitivity.changed(name, 2.0)):
-            assert rules.number_of(name) == pytest.approx(2.0 * own), name
-        assert rules.number_of(name) == own
+            assert rules.number_of(name) == pytest.approx(sensitivity.scaled(own, 2.0)), name
+        assert rules.number_of(name) is own or rules.number_of(name) == own
+
+
+@pytest.mark.parametrize(
+    ("own", "twice"),
+    [(3, 6), (0.5, 1.0), ((1, 2.5), (2, 5.0)), ({"a": 0.1}, {"a": 0.2}), (True, None), (("a", 1), None)],
+)
+def test_a_number_is_doubled_and_so_is_each_of_several(own, twice):
+    assert benchmark("sensitivity").scaled(own, 2.0) == twice
 
 
 def test_a_number_that_is_not_there_is_said_to_be_so():
