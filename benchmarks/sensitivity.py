@@ -41,6 +41,7 @@ from resumed import scored
 from shockrig.analysis.checks.campaign_checks import checked
 from shockrig.analysis.diagnose import diagnose as diagnosing
 from shockrig.analysis.diagnose.diagnose import diagnose_channel, next_experiments
+from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis
 from shockrig.analysis.diagnose.restless import bursts, without_hums
 from shockrig.analysis.diagnose.search import search
 from shockrig.analysis.diagnose.thresholds import THRESHOLDS
@@ -133,7 +134,8 @@ def _hidden(seed: int) -> tuple[Campaign, dict[str, list[str]]]:
     return campaign(seed, drawn), {name: sorted(h.effect for h in drawn if name in h.channels) for name in QUANTITIES}
 
 
-def _diagnosed(found: Campaign, hidden: dict[str, list[str]]) -> list[Line]:
+def _diagnosed(found: Campaign, hidden: dict[str, list[str]], every_word: bool = False) -> list[Line]:
+    """What is said of some channels: verdict and names, or all that is no bare figure."""
     input_, lines = checked(found), []
     for name in hidden:
         channel = build_channel(input_.campaign, name)
@@ -142,8 +144,17 @@ def _diagnosed(found: Campaign, hidden: dict[str, list[str]]) -> list[Line]:
             named = sorted(cause.effect for cause in one.causes)
             right = named == hidden[name] and one.verdict == ("explained" if hidden[name] else "adequate")
             said = [one.verdict, named, [form.behaves_as for form in one.discovered]]
+            said += _further(one) if every_word else []
             lines.append({"right": right and not one.discovered, "said": said, "error": one.gain.after})
     return lines
+
+
+def _further(one: ChannelDiagnosis) -> list[Any]:
+    """What a diagnosis says besides its verdict and names, as far as it is no bare figure."""
+    factors = [[on.factor for on in form.depends_on] for form in one.discovered]
+    ties = [sorted(cause.indistinguishable_from) for cause in one.causes]
+    asked = [{k: v for k, v in run.items() if k != "expected_evidence"} for run in next_experiments(one)]
+    return [factors, ties, sorted(one.tried), sorted(one.predicting.model.ids), len(one.cannot_tell), asked]
 
 
 def diagnosed(seed: int) -> list[Line]:
@@ -152,22 +163,8 @@ def diagnosed(seed: int) -> list[Line]:
 
 
 def whole(seed: int) -> list[Line]:
-    """All that is said of each channel of a campaign, as far as it is no bare figure."""
-    found, hidden = _hidden(seed)
-    input_, lines = checked(found), []
-    for name in hidden:
-        channel = build_channel(input_.campaign, name)
-        if channel is not None:
-            one = diagnose_channel(channel, findings=input_.findings)
-            named = sorted(cause.effect for cause in one.causes)
-            right = named == hidden[name] and one.verdict == ("explained" if hidden[name] else "adequate")
-            forms = [[form.behaves_as, *(on.factor for on in form.depends_on)] for form in one.discovered]
-            ties = [sorted(cause.indistinguishable_from) for cause in one.causes]
-            told = [sorted(one.tried), sorted(one.predicting.model.ids), len(one.cannot_tell)]
-            asked = [{k: v for k, v in run.items() if k != "expected_evidence"} for run in next_experiments(one)]
-            said = [one.verdict, named, forms, ties, told, asked]
-            lines.append({"right": right and not forms, "said": said, "error": one.gain.after})
-    return lines
+    """All that is said of each channel of a campaign."""
+    return _diagnosed(*_hidden(seed), every_word=True)
 
 
 def of_logger(seed: int) -> list[Line]:
@@ -263,8 +260,11 @@ def row(lines: list[Line], usual: dict[tuple[Any, ...], Line]) -> str:
 
 
 def _shown(number: str) -> str:
-    own = "" if number == AS_IT_IS else number_of(number)
-    return f"{own:g}" if isinstance(own, (int, float)) else f"{len(own)} of them" if number != AS_IT_IS else ""
+    """A number's value, or how many it holds."""
+    if number == AS_IT_IS:
+        return ""
+    own = number_of(number)
+    return f"{own:g}" if isinstance(own, (int, float)) else f"{len(own)} of them"
 
 
 def main() -> int:
@@ -299,8 +299,7 @@ def main() -> int:
         print(kind)
         for number, factor in dict.fromkeys(job[:2] for job in jobs if job[2] == kind):
             own = [one for one in lines if (one["kind"], one["number"], one["factor"]) == (kind, number, factor)]
-            value = f"{_shown(number)!s:>10}"
-            print(f"{number:<34}{value}{factor:>6g}{row(own, usual)}")
+            print(f"{number:<34}{_shown(number):>10}{factor:>6g}{row(own, usual)}")
     return 0
 
 
