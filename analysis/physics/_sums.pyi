@@ -25,6 +25,7 @@ def drive(
     order: NDArray[np.int64],
     gone: float,
     even: float,
+    jump: float,
     out: NDArray[np.float64],
     /,
 ) -> None: ...

@@ -102,8 +102,8 @@ def compiled(time: Array, amplitude: Array, rate: Array, values: Array, start: A
         np.ascontiguousarray(x) for x in (amplitude, rate, time, values, start, np.broadcast_to(wanted, out.shape))
     )
     order = np.ascontiguousarray(order)
-    gone, even = FORGOTTEN_EXPONENT, EVEN_SPREAD
-    _sums.drive(rate.shape[1], amplitude, rate, time, values, start, wanted, order, gone, even, out)
+    gone, even, jump = FORGOTTEN_EXPONENT, EVEN_SPREAD, JUMP_S
+    _sums.drive(rate.shape[1], amplitude, rate, time, values, start, wanted, order, gone, even, jump, out)
     return out
 
 

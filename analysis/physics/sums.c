@@ -13,7 +13,6 @@
 #define WIDE 4 /* numbers in one register */
 #define TIMES (2 * WIDE) /* taken together: a processor begins the second before it is done with the first */
 #define LEAST -700.0 /* exp of less is nothing */
-#define JUMP 1e-150 /* [s] of a piece whose ends are at one time */
 
 #if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && defined(__gnu_linux__)
 #define WIDER __attribute__((target_clones("avx2", "default")))
@@ -96,12 +95,12 @@ WIDER static void run(Py_ssize_t rows, Py_ssize_t count, Py_ssize_t modes, const
 }
 
 /* One row: `amplitude` and `rate` of modes that ascend, padded to whole registers with amplitudes of 0; the trace's
- * `time` (samples) and `value`; `wanted` (count) in the order in which `order` has them rising. `room` holds 4 arrays
- * and a register more. */
+ * `time` (samples) and `value`; `wanted` (count) in the order in which `order` has them rising. A piece whose ends are
+ * at one time lasts `jump` [s]. `room` holds 4 arrays and a register more. */
 WIDER static void drive_row(Py_ssize_t wide, const Doubles *amplitude, const Doubles *rate, Py_ssize_t samples,
                             const double *time, const double *value, double start, Py_ssize_t count,
-                            const double *wanted, const int64_t *order, double gone, double even, Doubles *room,
-                            double *out) {
+                            const double *wanted, const int64_t *order, double gone, double even, double jump,
+                            Doubles *room, double *out) {
     Doubles *state = room, *slowness = room + wide, *kept = room + 2 * wide, *steady = room + 3 * wide;
     double length = -1.0, all = 0.0; /* of the piece whose `kept` stand there; what faster modes add to a slope */
     for (Py_ssize_t k = 0; k < wide; k++) {
@@ -117,7 +116,7 @@ WIDER static void drive_row(Py_ssize_t wide, const Doubles *amplitude, const Dou
     for (; next < count && !(wanted[order[next]] > time[0]); next++) out[order[next]] = start;
     for (Py_ssize_t i = 0; i < samples; i++) {
         const int last = i == samples - 1;
-        const double given = last ? 1.0 : time[i + 1] - time[i], piece = given > JUMP ? given : JUMP;
+        const double given = last ? 1.0 : time[i + 1] - time[i], piece = given > jump ? given : jump;
         const double slope = last ? 0.0 : (value[i + 1] - value[i]) / piece;
         for (; next < count && (last || !(wanted[order[next]] > time[i + 1])); next++) {
             const double since = wanted[order[next]] - time[i];
@@ -201,8 +200,8 @@ static PyObject *add_up(PyObject *module, PyObject *args) {
     return done(held, views, 1);
 }
 
-/* drive(modes, amplitudes, rates, time, values, starts, wanted, order, gone, even, out): rows (rows, modes), and so on,
- * see `drive_row`. */
+/* drive(modes, amplitudes, rates, time, values, starts, wanted, order, gone, even, jump, out): rows (rows, modes), and
+ * so on, see `drive_row`. */
 static PyObject *drive(PyObject *module, PyObject *args) {
     (void)module;
     enum { AMPLITUDES, RATES, TIME, VALUES, STARTS, WANTED, ORDER, OUT, ARRAYS };
@@ -211,10 +210,11 @@ static PyObject *drive(PyObject *module, PyObject *args) {
     PyObject *given[ARRAYS];
     Py_buffer views[ARRAYS];
     Py_ssize_t modes;
-    double gone, even;
+    double gone, even, jump;
     int fit = 1;
-    if (!PyArg_ParseTuple(args, "nOOOOOOOddO", &modes, &given[AMPLITUDES], &given[RATES], &given[TIME],
-                          &given[VALUES], &given[STARTS], &given[WANTED], &given[ORDER], &gone, &even, &given[OUT]))
+    if (!PyArg_ParseTuple(args, "nOOOOOOOdddO", &modes, &given[AMPLITUDES], &given[RATES], &given[TIME],
+                          &given[VALUES], &given[STARTS], &given[WANTED], &given[ORDER], &gone, &even, &jump,
+                          &given[OUT]))
         return NULL;
     const int held = hold(ARRAYS, given, views, wide, &fit);
     if (held < ARRAYS) return done(held, views, 0);
@@ -245,7 +245,7 @@ static PyObject *drive(PyObject *module, PyObject *args) {
         }
         drive_row(registers, amplitude, rate, samples, views[TIME].buf, (double *)views[VALUES].buf + row * samples,
                   ((double *)views[STARTS].buf)[row], count, (double *)views[WANTED].buf + row * count,
-                  order + row * count, gone, even, room, (double *)views[OUT].buf + row * count);
+                  order + row * count, gone, even, jump, room, (double *)views[OUT].buf + row * count);
     }
     Py_END_ALLOW_THREADS;
     free(memory);

@@ -113,7 +113,7 @@ def test_without_a_compiler_a_response_is_the_same(lead, even, monkeypatch):
 @pytest.mark.skipif(driven._sums is None, reason="the kernel was not built")
 def test_arrays_that_do_not_fit_the_kernel_are_refused():
     three, one, places = np.ones((1, 3)), np.ones(1), np.zeros((1, 3), dtype=np.int64)
-    right = [3, three, three, three, three, one, three, places, 36.0, 1e-9, np.empty((1, 3))]
+    right = [3, three, three, three, three, one, three, places, 36.0, 1e-9, 1e-150, np.empty((1, 3))]
     driven._sums.drive(*right)
     for place, wrong in (
         (0, 4),  # fewer modes than are said
@@ -124,7 +124,7 @@ def test_arrays_that_do_not_fit_the_kernel_are_refused():
         (6, np.ones((1, 4))),
         (7, places + 3),  # an order that leads beyond
         (7, places.astype(np.int32)),
-        (10, np.empty((1, 2))),
+        (11, np.empty((1, 2))),
     ):
         with pytest.raises(ValueError, match="do not fit"):
             driven._sums.drive(*right[:place], wrong, *right[place + 1 :])
