@@ -100,7 +100,9 @@ def diagnose_channel(
         claims=any(not CATALOGUE[c.effect].candidacy.shape for c in causes),
     )
     said = verdict(standing)
-    stands = Predicting(found.best, final, causes, (*forms, *shown))
+    predicting = Predicting(found.best, final, causes, (*forms, *shown))
+    if said not in SETTLED or outdone(problem, found):
+        predicting = predicting_model(ready, found, predicting, shown)
     return ChannelDiagnosis(
         name=channel.name,
         verdict=said,
@@ -114,9 +116,7 @@ def diagnose_channel(
         problem=problem,
         noise=ready.noise,
         final=final,
-        predicting=predicting_model(ready, found, stands, shown)
-        if said not in SETTLED or outdone(problem, found)
-        else stands,
+        predicting=predicting,
         untestable=tuple(
             id_ for id_, effect in CATALOGUE.items() if channel.name in effect.channels and not effect.acts_in(channel)
         ),

@@ -62,10 +62,8 @@ def predicting_model(ready: Prepared, found: Search, stands: Predicting, shown: 
 def outdone(problem: Problem, found: Search) -> bool:
     """Whether another model that was weighed leaves less of the runs than the stated one where each has a rate of its
     own: beside what is a whole explanation, none does."""
-    channel = problem.channel
-    left = [float(squares_of_bins(channel, one.fit.residual).mean()) for one, _ in found.predictors]
-    own = float(squares_of_bins(channel, found.best.fit.residual).mean())
-    return _loss(channel, own) - _loss(channel, np.nanmin(left)) > AS_GOOD
+    least = min((_left(problem.channel, one.fit) for one, _ in found.predictors), default=np.inf)
+    return _left(problem.channel, found.best.fit) - least > AS_GOOD
 
 
 def _loss(channel: Channel, square: float) -> float:
@@ -74,9 +72,12 @@ def _loss(channel: Channel, square: float) -> float:
     return 0.5 * BUMP_COUNT * channel.runs * float(np.log(max(square, LEAST_SQUARE)))
 
 
+def _left(channel: Channel, found: Fit) -> float:
+    """Nats against a fit by what it leaves at its runs' own rates; endless for one that led to no number."""
+    loss = _loss(channel, float(squares_of_bins(channel, found.residual).mean()))
+    return float("inf") if np.isnan(loss) else loss
+
+
 def _criterion(channel: Channel, found: Fit) -> float:
-    """Schwarz's criterion, halved [nats], of what a fit leaves at its runs' own rates (doi 10.1214/aos/1176344136).
-    Endless for a fit that led to no number."""
-    price = 0.5 * found.theta.size * np.log(BUMP_COUNT * channel.runs)
-    loss = _loss(channel, float(squares_of_bins(channel, found.residual).mean())) + price
-    return float("inf") if np.isnan(loss) else float(loss)
+    """Schwarz's criterion, halved [nats], of the same (doi 10.1214/aos/1176344136)."""
+    return _left(channel, found) + 0.5 * found.theta.size * float(np.log(BUMP_COUNT * channel.runs))
