@@ -39,7 +39,7 @@ from shockrig.files.numbers import counted
 
 Progress = Callable[[str], None]
 
-MOST_IN_PLACE = 3  # models tied with one that runs held out refute, that are tried in its place
+MOST_IN_PLACE = 3  # models that are tried, one after another, in the place of one that runs held out refute
 SETTLED = ("adequate", "explained")  # verdicts of a model that leaves nothing, unless another leaves less
 PARTED = "another_sensor"  # kind of the input's finding that runs fall into groups
 
@@ -161,20 +161,19 @@ def refuted(gain: Gain, tolerance: float) -> bool:
 def _borne_out(
     channel: Channel, ready: Prepared, found: Search, parts: Sequence[HeldOutPart], tolerance: float
 ) -> tuple[Search, Gain, tuple[str, ...]]:
-    """The search with the likeliest model that runs held out do not refute, in the end the plain one; what it gains on
-    them, and a sentence on the likeliest where it is refuted."""
-    unborne, unit = tuple[str, ...](), channel.quantity.unit
-    tied = [one for one in found.tied() if one is not found.best and one is not found.plain]
-    for one in (found.best, *tied[:MOST_IN_PLACE], found.plain):
-        gain = measure_gain(channel, parts, one, ready.noise)
-        if one is found.plain or not refuted(gain, tolerance):
-            break
+    """The search without the likeliest models that runs held out refute, weighed anew, in the end with the plain one;
+    what it gains on them, and a sentence on the likeliest where it is refuted."""
+    unborne, unit, in_place = tuple[str, ...](), channel.quantity.unit, 0
+    gain = measure_gain(channel, parts, found.best, ready.noise)
+    while found.best is not found.plain and refuted(gain, tolerance):
         unborne = unborne or (
             "How single readings go speaks for more than the plain model. But with the rate that other runs give it, "
             f"such a model misses runs held out by {gain.after:.2g} {unit}, and the plain one by {gain.before:.2g} "
             f"{unit}: it is not stated. See that all runs are of one sensor in one airflow, and record more of them.",
         )
-    return replace(found, best=one), gain, unborne
+        found = found.without_best() if in_place < MOST_IN_PLACE else replace(found, best=found.plain)
+        gain, in_place = measure_gain(channel, parts, found.best, ready.noise), in_place + 1
+    return found, gain, unborne
 
 
 def enough(channel: Channel) -> bool:

@@ -177,6 +177,11 @@ class Search:
         own = self.best.laws
         return [one for one in self.tied() if one.laws - own and own - one.laws]
 
+    def without_best(self) -> Search:
+        """The search where the best model is out: the others, weighed anew."""
+        pool, weight = _heaviest_first(one for one in self.pool if one is not self.best)
+        return _stated(replace(self, pool=pool, weights=weight))
+
     def tied(self) -> list[Rated]:
         """Models whose weight is not small beside the best one's, the best first."""
         least = level("tie") * self.weight(self.best)
@@ -658,10 +663,15 @@ def _weighed(race: Race, plain: Rated) -> Search:
     known = {one.ids for one in among}
     unsound = (one for one in race.unsound.values() if one.ids not in known and not _stuck(one, fitted))
     predictors = zip(*_heaviest_first([*among, *unsound]), strict=True)
-    found = Search(plain, pool[0], pool, weight, race.fits, tuple((one, float(w)) for one, w in predictors))
+    return _stated(Search(plain, pool[0], pool, weight, race.fits, tuple((one, float(w)) for one, w in predictors)))
+
+
+def _stated(found: Search) -> Search:
+    """A search with the model that its weights state."""
     # As many effects are stated as are there with that probability, whichever they are: look-alikes that share the
     # weight of one are one effect, tied; weight that is shared for a second one is no evidence for any. Among models
     # with so many, the same holds for what they depend on.
+    pool = found.pool
     left = list(range(len(pool)))
     for sizes_of in ([len(one.ids) for one in pool], [one.dependences for one in pool]):
         sizes, own = np.array(sizes_of)[left], found.weights[left]

@@ -1,6 +1,7 @@
 """A model that misses runs held out by more than the plain one is not stated, whatever its weight."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,12 @@ from foreign_lab import Arrival, Lab, LabLogger, LabRun, Written, make_body, rec
 from shockrig.analysis.diagnose import diagnose
 from shockrig.analysis.diagnose.diagnose import diagnose_channel, refuted
 from shockrig.analysis.diagnose.gain import Gain
+from shockrig.analysis.diagnose.search import Rated, Search
+from shockrig.analysis.diagnose.thresholds import level
+from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.model import PLAIN
+from shockrig.analysis.estimate.predictive import Score, weights
 from shockrig.files.campaign import read_campaign
 
 
@@ -38,7 +44,7 @@ def test_a_single_run_that_had_to_be_extrapolated_refutes_nothing():
 
 @pytest.mark.parametrize("all_but_the_plain", [True, False])
 def test_the_likeliest_model_that_is_not_refuted_is_stated(tmp_path, monkeypatch, all_but_the_plain):
-    """The next that is tied with it, and the plain one where those are refuted as well."""
+    """The heaviest of the others, and the plain one where those are refuted as well."""
     plan = tuple(LabRun(*((60.0, 20.0) if i % 2 else (20.0, 60.0)), start_s=3.0, length_s=9.0) for i in range(2))
     lump = make_body("lumped", 0.6)
     bench = Lab("temperature", lump, Arrival(), LabLogger(0.05, 0.01, 0.03), plan, Written(body="sphere"))
@@ -60,3 +66,22 @@ def test_the_likeliest_model_that_is_not_refuted_is_stated(tmp_path, monkeypatch
         assert found.causes == () and not found.final.structure.effects and found.verdict == "unexplained"
     else:
         assert len(tried) == 2 and found.search.best in found.search.tied()
+    assert not any(one is tried[0] for one in found.search.pool) and found.search.weights.sum() == pytest.approx(1.0)
+
+
+def test_what_stands_in_the_place_of_a_refuted_model_is_as_sure_as_any_other():
+    """Before: the next that was tied was stated with the weight that the refuted model had left it."""
+
+    def rated(nats, *effects):
+        structure = PLAIN
+        for id_ in effects:
+            structure = structure.adding(CATALOGUE[id_])
+        return Rated(SimpleNamespace(structure=structure), Score(np.full(12, nats / 12), 0.01), 0.0)
+
+    plain, other, right = rated(0.0), rated(0.4, "dead_time"), rated(30.0, "series_lag")
+    pool, weight = (right, other, plain), weights([one.score.runs for one in (right, other, plain)], [0.0] * 3)
+    found = Search(plain, right, pool, weight, 3, ())
+    left = found.without_best()
+    assert found.weight(other) < 0.01 < left.weight(other) < level("named") and left.best is plain
+    sure = replace(found, pool=(right, rated(20.0, "dead_time"), plain)).without_best()
+    assert sure.best.ids == {"dead_time"} and sure.probability("dead_time") > level("named")
