@@ -243,6 +243,7 @@ def _usable(campaign: Campaign, quantity: Quantity) -> tuple[list[UsableRun], li
             timed.append(one)
     half_s = _half_way_s(timed, quantity)
     tempo = _tempo(half_s)
+    timed = [_as_begun(one, quantity, tempo, half_s) for one in timed]
     usable = []
     # Where no run has a temperature, one is taken for all; a run without one among others that have it says nothing.
     needs_temperature = not quantity.pooled and any(_has_temperatures(one.run) for one in timed)
@@ -346,11 +347,11 @@ def _tempo(half: float) -> float:
 def _unfit(one: UsableRun, quantity: Quantity, tempo: float, half_s: float) -> str | None:
     """Why a run cannot be used; None where it can. A sensor halfway in `half_s` needs no longer record than a few of
     these."""
-    time, value, start = one.trace.time_s, one.trace.values[quantity.column], one.start_s
+    time, start = one.trace.time_s, one.start_s
     if one.air is not None:
         return None
     period = float(np.median(np.diff(time)))
-    before = time < start - min(0.05, 0.5 * period)
+    before = time < _before_s(one)
     half = half_s if np.isfinite(half_s) else np.inf
     fewest, least_s = 8 if period < 0.5 else 2, min(SHORTEST_BEFORE * half, 1.0)
     # A start that is estimated is the end of what is level, or the begin of a record in the middle of a response.
@@ -367,26 +368,57 @@ def _unfit(one: UsableRun, quantity: Quantity, tempo: float, half_s: float) -> s
             f"too short: {after_s:.1f} s and {after} samples after the transfer: record {FEWEST_AFTER} samples and "
             f"{least_s:.2g} s after it, or more"
         )
-    near = time[(time > start - 2 * period - 0.5 * tempo) & (time < start + 3.0 * tempo + 6 * period)]
+    begun = max(start, time[0])
+    near = time[(time > begun - 2 * period - 0.5 * tempo) & (time < begun + 3.0 * tempo + 6 * period)]
     gap = float(np.diff(near).max()) if near.size > 1 else np.inf
     if gap > max(0.8 * tempo, 5 * period):
         return f"a gap of {gap:.1f} s over the transfer"
-    drift = _drift(value[before]) if before.sum() > 1 else 0.0
     step = _step_read(one, quantity, tempo)
-    known = _airs_known(one.run, quantity)
-    if not known and step < quantity.least_step:
+    if not _airs_known(one.run, quantity) and step < quantity.least_step:
         return f"no {quantity.name} step ({step:.2g} {quantity.unit})"
-    limit = max(quantity.settled_within, (0.02 if known else 0.05) * step)
-    if abs(drift) > limit:
-        return f"{UNSETTLED}: the plateau drifts by {drift:+.2f} {quantity.unit}"
-    return None
+    drift = _drift_before(one, quantity, step)
+    return f"{UNSETTLED}: the plateau drifts by {drift:+.2f} {quantity.unit}" if drift else None
+
+
+def _drift_before(one: UsableRun, quantity: Quantity, step: float) -> float:
+    """How far the plateau before a run's start drifts; 0 where it may be taken for level."""
+    value = one.trace.values[quantity.column][one.trace.time_s < _before_s(one)]
+    third = max(value.size // 3, 1)
+    drift = float(np.median(value[-third:]) - np.median(value[:third])) if value.size > 1 else 0.0
+    share = 0.02 if _airs_known(one.run, quantity) else 0.05
+    return drift if abs(drift) > max(quantity.settled_within, share * step) else 0.0
+
+
+def _before_s(one: UsableRun) -> float:
+    """Until when readings are surely before a run's start [s]."""
+    return one.start_s - min(0.05, 0.5 * float(np.median(np.diff(one.trace.time_s))))
+
+
+def _as_begun(one: UsableRun, quantity: Quantity, tempo: float, half_s: float) -> UsableRun:
+    """A run whose readings show no plateau before the start that they were to tell: its record begins in the response.
+
+    That is so as well where nobody recorded the airs and it drifts until then; what it drifted from is no source. How
+    long ago the response began, nothing says but its own scale `half_s`, the time to half of a step: such a time is
+    distributed exponentially, and as uncertain as it is long.
+    """
+    if one.air is not None or one.run.start_s is not None:
+        return one
+    trace, keep = one.trace, one.trace.time_s >= one.start_s
+    open_airs = not _airs_known(one.run, quantity) and keep.sum() >= FEWEST_READINGS
+    if open_airs and _drift_before(one, quantity, _step_read(one, quantity, tempo)):
+        values = {column: value[keep] for column, value in trace.values.items()}
+        trace = replace(trace, time_s=trace.time_s[keep], values=values)
+    elif not _begun_before(one):
+        return one
+    ago_s = np.fmax(half_s, np.median(np.diff(trace.time_s)))
+    return replace(one, trace=trace, start_s=float(trace.time_s[0] - ago_s))
 
 
 def _step_read(one: UsableRun, quantity: Quantity, tempo: float) -> float:
     """From the readings' mean before the transfer to that of the last ones."""
     time, value = one.trace.time_s, one.trace.values[quantity.column]
     period = float(np.median(np.diff(time)))
-    before = time < one.start_s - min(0.05, 0.5 * period)
+    before = time < _before_s(one)
     last = time > time[-1] - max(5.0 * min(tempo, 1.0), 5 * period)
     return float(abs(value[last].mean() - (value[before].mean() if before.any() else value[0])))
 
@@ -421,12 +453,6 @@ def _has_humidities(one: UsableRun) -> bool:
     shown = [] if one.run.hyt is None else [one.run.hyt.values["humidity_percent"]]
     shown += [] if one.air is None else [one.air.humidity_percent]
     return any(np.isfinite(values).any() for values in shown) or _airs_known(one.run, HUMIDITY)
-
-
-def _drift(value: Array) -> float:
-    """Drift over the plateau before the transfer: last third minus first third, by medians."""
-    third = max(value.size // 3, 1)
-    return float(np.median(value[-third:]) - np.median(value[:third]))
 
 
 def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
@@ -576,8 +602,11 @@ def _airs(
                 scatter = getattr(run.reference, of.reference_uncertainty)
         if value is None:
             after, found = kind == "destination", run.hyt if of is HUMIDITY else (run.imet or run.hyt)
+            found = one.trace if of is quantity else found
             value = _plateau(found, of.column, one.start_s, after, tempo) if found is not None else np.nan
             if of is quantity and np.isfinite(value):
+                if not after and _begun_before(one):  # by half of the step, in the time to half of it
+                    value = 2.0 * value - _plateau(one.trace, of.column, one.start_s, True, tempo)
                 unseen = _still_to_go(one, quantity, value) if after else _gone_before(one, quantity, unknown_start_s)
                 scatter = float(np.hypot(scatter, unseen))
             if not np.isfinite(value):
@@ -608,10 +637,11 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_
     driven = np.array([one.air is not None for one in usable])
     start_known = np.array([run.start_s is not None for run in runs]) | driven
     airs_known = np.array([_airs_known(run, quantity) for run in runs])
+    before_s = np.array([one.trace.time_s[0] - one.start_s if _begun_before(one) else 0.0 for one in usable])
     duration = np.array([np.nan if run.duration_s is None else run.duration_s for run in runs])
     ramp_ratio, ramp_own_s = _ramps(duration, driven)
     halves = [
-        resolved_half_way_s(one.trace.time_s - one.start_s, one.trace.values[quantity.column])
+        resolved_half_way_s(one.trace.time_s - max(one.start_s, one.trace.time_s[0]), one.trace.values[quantity.column])
         if quantity.pooled and one.air is None
         else np.nan
         for one in usable
@@ -626,7 +656,7 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_
         airflow_m_s=np.array([UNKNOWN_AIRFLOW_M_S if run.airflow_m_s is None else run.airflow_m_s for run in runs]),
         pressure_hpa=np.array([run.pressure_hpa for run in runs]),
         start_s=np.array([one.start_s for one in usable]),
-        start_scatter_s=np.where(start_known, TRIGGER_SCATTER_S, unknown_start),
+        start_scatter_s=np.where(start_known, TRIGGER_SCATTER_S, np.maximum(unknown_start, before_s)),
         source_c_scatter=source_c_scatter,
         destination_c_scatter=destination_c_scatter,
         source_percent_scatter=source_percent_scatter,

@@ -141,7 +141,7 @@ def estimate_start(time_s: Array, value: Array) -> float | None:
     if time_s.size < FEWEST_READINGS:
         return None
     noise = curved_noise(time_s, value)
-    tail = max(value.size // 20, min(5, value.size // 4))
+    tail = max(value.size // 20, 3)  # a response may be over soon after the first readings
     lowest, highest = np.quantile(value, [0.01, 0.99])
     step = max(abs(float(np.median(value[-tail:]) - np.median(value[:tail]))), 0.0)
     if step < max(STEP_IN_NOISE * noise, 0.3 * (highest - lowest), 1e-9):

@@ -32,6 +32,7 @@ def lag(time, start_s=10.0, tau_s=0.5):
 
 
 TIME = np.arange(0.03, 60.0, 0.1)
+NOBODY = {"start_s": None, "source": RunAir(None, None), "destination": RunAir(None, None)}
 SPARSE = np.arange(-58.0, 71.0, 4.0)
 
 
@@ -105,8 +106,7 @@ def test_records_that_begin_in_the_response_are_used(readings, every_s):
     for i in range(4):
         time = every_s * np.arange(readings)
         value = lag(time, -4.0 - i, tau_s) + 0.02 * rng.standard_normal(time.size)
-        nobody = {"start_s": None, "source": RunAir(None, None), "destination": RunAir(None, None)}
-        runs.append(run_of(value, time, id=str(i), airflow_m_s=None, **nobody))
+        runs.append(run_of(value, time, id=str(i), airflow_m_s=None, **NOBODY))
         assert estimate_start(time, value) == 0.0
     as_logged = {"imet": {"kind": "as logged", "body": "lumped"}}
     campaign = Campaign("c", None, as_logged, 4e-4, 1e-5, tuple(runs), bodies={"imet": "lumped", "hyt": "lumped"})
@@ -115,6 +115,33 @@ def test_records_that_begin_in_the_response_are_used(readings, every_s):
     (row,) = found.rows
     t63_s = row.response.t63_s
     assert abs(t63_s - tau_s) < 2.5 * t63_s * row.standard_uncertainty / row.diffusivity_m2_s < 0.3 * tau_s
+
+
+def test_a_run_that_drifts_before_a_start_that_nobody_recorded_begins_in_its_response():
+    """Before: it was left out, as one is whose start was stated; of a heat exchanger's eight runs five were."""
+    drifting = lag(TIME, tau_s=4.0) + 0.1 * np.maximum(10.0 - TIME, 0)
+    (used,), left_out = usable_runs(campaign_of(run_of(drifting, TIME, **NOBODY)), "temperature")
+    assert not left_out and used.start_s < used.trace.time_s[0] == pytest.approx(10.0, abs=2.0)
+    assert used.trace.values["temperature_c"].size == used.trace.time_s.size < TIME.size
+    assert "not settled" in reason_of(run_of(drifting, TIME))
+
+
+def test_a_response_that_is_over_in_three_readings_is_a_step():
+    readings = np.concatenate([[0.0, -5.8, -6.6, -7.1, -7.4], np.linspace(-7.5, -8.7, 25)])
+    assert estimate_start(20.0 * np.arange(readings.size), readings) == 0.0
+
+
+@pytest.mark.parametrize("begun_s", [0.0, 4.0, 20.0])
+def test_a_record_in_the_response_may_have_begun_as_long_before_as_it_takes(begun_s):
+    """How long before, nothing says: a time as uncertain as it is long, in which the readings went as far again."""
+    tau_s, time = 9.0, np.arange(0.0, 60.0, 0.5)
+    channel = build_channel(campaign_of(run_of(lag(time, -begun_s, tau_s), time, **NOBODY)), "temperature")
+    begun, ((since, value),) = channel.conditions, channel.samples
+    half_s = tau_s * np.log(2.0)
+    assert since[0] == pytest.approx(half_s, rel=0.15) == begun.start_scatter_s[0]
+    moved = float(value[-1] - value[0])
+    assert begun.source_c[0] == pytest.approx(value[0] - moved, rel=0.02)
+    assert begun.source_c_scatter[0] == pytest.approx(np.hypot(moved, channel.quantity.unknown_air_scatter), rel=0.02)
 
 
 def test_noise_is_what_readings_miss_a_curve_by_however_far_apart_they_stand():
@@ -137,10 +164,9 @@ def test_selecting_runs_selects_everything_that_belongs_to_them():
 
 
 def test_a_slight_step_in_airs_that_nobody_recorded_is_left_out():
-    nobody = {"start_s": None, "source": RunAir(None, None), "destination": RunAir(None, None)}
     slight = 20.0 + 0.08 * (lag(TIME) - 20.0)
-    full = run_of(lag(TIME), TIME, id="full", **nobody)
-    usable, left_out = usable_runs(campaign_of(full, run_of(slight, TIME, id="slight", **nobody)), "temperature")
+    full = run_of(lag(TIME), TIME, id="full", **NOBODY)
+    usable, left_out = usable_runs(campaign_of(full, run_of(slight, TIME, id="slight", **NOBODY)), "temperature")
     assert [one.run.id for one in usable] == ["full"]
     assert left_out[0].reason.startswith("a step of 0.8 K is slight beside 10 K of another run")
     known, _ = usable_runs(campaign_of(full, run_of(slight, TIME, id="known", start_s=10.0)), "temperature")

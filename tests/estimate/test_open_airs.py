@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from shockrig.analysis.diagnose.gain import as_judged, run_errors
 from shockrig.analysis.diagnose.prepare import prepare, with_rounding
 from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.effects import CATALOGUE
@@ -99,6 +100,22 @@ def test_a_fit_from_afar_ends_where_one_from_nearby_does(slow_s, fraction, fast_
     near, far = ended(FAST_S, SHARE, SLOW_S), ended(fast_s, fraction, slow_s)
     assert near.choice["parallel_lag.time_constant_s"] == pytest.approx(SLOW_S, rel=0.2)
     assert far.objective < near.objective + 2.0
+
+
+@pytest.mark.parametrize("begun_s", [5.0, 20.0, 300.0])
+def test_a_run_that_shows_more_of_its_beginning_is_predicted_by_others_that_begin_late(begun_s):
+    """Before: the others' starts were taken to be about the begin of their records, and all of the fast part to have
+    passed before: no start was left for a run that shows more of it."""
+    ends = [(40.0, 10.0), (12.0, 38.0), (35.0, 5.0)]
+    late = [(two_exponentials(*air, after_s), 1000.0) for air, after_s in zip(ends, (60.0, 100.0, 150.0), strict=True)]
+    learnt, fresh = problem_of(channel_of(late)), channel_of([(two_exponentials(10.0, 42.0, begun_s), 1000.0)], seed=2)
+    structure = Structure((CATALOGUE["parallel_lag"],))
+    begin = Model(learnt.channel, structure).start(
+        np.array([-np.log(60.0)]), {"parallel_lag.fraction": 0.5, "parallel_lag.time_constant_s": 500.0}
+    )
+    judged = as_judged(learnt, fit(learnt, structure, begin, iterations=60))
+    (square,) = run_errors(fresh, problem_of(fresh), judged)
+    assert np.sqrt(square) < 1.5 * NOISE_K
 
 
 def test_an_air_is_as_open_as_the_time_at_which_its_run_began():
