@@ -641,7 +641,7 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_
     duration = np.array([np.nan if run.duration_s is None else run.duration_s for run in runs])
     ramp_ratio, ramp_own_s = _ramps(duration, driven)
     halves = [
-        resolved_half_way_s(one.trace.time_s - max(one.start_s, one.trace.time_s[0]), one.trace.values[quantity.column])
+        resolved_half_way_s(one.trace.time_s - one.start_s, one.trace.values[quantity.column])
         if quantity.pooled and one.air is None
         else np.nan
         for one in usable

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.driven_air import follow
-from shockrig.analysis.estimate.without_model import white_noise
+from shockrig.analysis.estimate.without_model import since_seen, white_noise
 
 Array = NDArray[np.float64]
 
@@ -22,7 +22,8 @@ MOST_BETWEEN = 0.3  # of the way between two readings: from here on a line betwe
 
 @dataclass(frozen=True)
 class RunSeen:
-    """One run: readings at rest before and at the end, and seconds to 63 % and 90 % of the way from its found start.
+    """One run: readings at rest before and at the end, and seconds to 63 % and 90 % of the way since the change is
+    seen to begin.
 
     Where two readings hold most of the way between them, the times are those of the later, and `at_most` is true;
     where nobody recorded the start either, it may have been as early as the first of the two.
@@ -56,7 +57,7 @@ def seen(channel: Channel) -> tuple[RunSeen, ...]:
         if abs(end - begin) < max(STEP_IN_NOISE * noise, channel.quantity.least_step):
             continue
         if air is None:
-            times_s, at_most = _crossings(time, (value - begin) / (end - begin), bool(triggered))
+            times_s, at_most = _crossings(since_seen(time), (value - begin) / (end - begin), bool(triggered))
             found.append(RunSeen(run, begin, end, times_s, None, at_most))
         else:
             lag = follow(time, value, air.time_s, channel.trace_of(air), channel.quantity.resolution).time_constant_s

@@ -204,8 +204,17 @@ def _misfits(time: Array, value: Array, count: Array, starts: Array) -> Array:
     return out
 
 
+def since_seen(time_s: Array) -> Array:
+    """Times [s] since the change is seen to begin: at 0, the start, or a reading before the first of a record that
+    begins in the response."""
+    begun_s = float(time_s[0] - np.median(np.diff(time_s))) if time_s.size > 1 else 0.0
+    return time_s - max(begun_s, 0.0)
+
+
 def half_way_s(time_s: Array, value: Array) -> float:
-    """Time from 0, the start, to half of the way between the plateau before it and the last readings [s]."""
+    """Time since the change is seen to begin to half of the way between the plateau before it and the last readings
+    [s]."""
+    time_s = since_seen(time_s)
     before, after = value[time_s < 0], time_s >= 0
     if not before.size and time_s.size:  # the record begins in the transient
         before = value[:1]

@@ -14,6 +14,7 @@ import numpy as np
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.driven_air import follow
 from shockrig.analysis.estimate.seen import FEW_RUNS, SHARES_OF_STEP, RunSeen, little_known, seen
+from shockrig.analysis.estimate.without_model import since_seen
 from shockrig.analysis.report.panels import panels
 from shockrig.files.figures import BLUE, CYCLE, GREY, INK, styled
 from shockrig.files.numbers import plain
@@ -183,6 +184,7 @@ def seen_figure(channel: Channel, steps: Sequence[RunSeen]) -> Figure:
     for run, (time, value) in zip(channel.run_ids, channel.samples, strict=True):
         if (one := runs.get(run)) is None or one.times_s is None:
             continue
+        time = since_seen(time)
         shown = (time > -0.3 * last) & (time < last)
         share = 100.0 * (value - one.begin) / (one.end - one.begin)
         size = 2.5 if shown.sum() > FEW_POINTS else 6.0

@@ -7,6 +7,7 @@ from shockrig.analysis.characterize.characterize import characterize
 from shockrig.analysis.diagnose.open_questions import cannot_tell
 from shockrig.analysis.estimate.channel import bin_means, group_ambients
 from shockrig.analysis.estimate.gather import build_channel, usable_runs
+from shockrig.analysis.estimate.seen import seen
 from shockrig.analysis.estimate.without_model import curved_noise, estimate_start
 from shockrig.files.campaign import Campaign, ReferenceResponse, Run, RunAir, Trace
 
@@ -142,6 +143,8 @@ def test_a_record_in_the_response_may_have_begun_as_long_before_as_it_takes(begu
     moved = float(value[-1] - value[0])
     assert begun.source_c[0] == pytest.approx(value[0] - moved, rel=0.02)
     assert begun.source_c_scatter[0] == pytest.approx(np.hypot(moved, channel.quantity.unknown_air_scatter), rel=0.02)
+    (run,) = seen(channel)
+    assert run.times_s is not None and run.times_s[0] == pytest.approx(tau_s, rel=0.15)  # and is seen from there on
 
 
 def test_noise_is_what_readings_miss_a_curve_by_however_far_apart_they_stand():
