@@ -162,6 +162,14 @@ def fresh_run_errors(outcome: Outcome, campaign: str | Path, channel: str) -> tu
     return before, after
 
 
+def judged_from(campaign: str | Path, channel: str) -> dict[str, float]:
+    """The first reading of each run that is used [s]: one that drifts before its start is used from there on."""
+    from shockrig.analysis.estimate.gather import usable_runs
+    from shockrig.files.campaign import read_campaign
+
+    return {one.run.id: float(one.trace.time_s[0]) for one in usable_runs(read_campaign(campaign), channel)[0]}
+
+
 def t63(profile: dict[str, Any] | None, channel: str) -> tuple[float, float | None] | None:
     """A profile's t63 with its standard uncertainty [s], the first ambient's of a film; None where there is none.
 

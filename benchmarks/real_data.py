@@ -21,6 +21,7 @@ import os
 import shutil
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -72,7 +73,7 @@ def our_held_out(
 
 def judge_set(real, logs: Path, keep: Path | None, limit_s: int) -> dict:
     """Everything the table says of one set."""
-    from ours import judge, t63
+    from ours import judge, judged_from, t63
     from records import read_records
     from rivals import fit_rival, held_out, models
 
@@ -82,7 +83,8 @@ def judge_set(real, logs: Path, keep: Path | None, limit_s: int) -> dict:
         if not campaign.exists():
             home.mkdir(parents=True, exist_ok=True)
             real.make(logs, campaign)
-        runs = read_records(campaign, real.channel)
+        first = judged_from(campaign, real.channel)  # for rivals as well: errors are of the same readings
+        runs = [replace(r, judged_from_s=first.get(r.id, -np.inf)) for r in read_records(campaign, real.channel)]
         folds = folds_of(len(runs))
         squares, ours = {}, "one run"
         if folds:

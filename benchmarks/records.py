@@ -26,7 +26,7 @@ MOST_SAMPLES = 400  # of a run in a fit; errors are over all of them
 @dataclass(frozen=True)
 class Record:
     """One channel of one run as recorded; what the run does not state is None. `air` is (time_s, value), good to
-    `air_uncertainty`.
+    `air_uncertainty`. Errors count from `judged_from_s` on.
     """
 
     id: str
@@ -38,6 +38,7 @@ class Record:
     air: tuple[Array, Array] | None
     onset_s: float
     air_uncertainty: float = 0.02
+    judged_from_s: float = -np.inf
 
     def thinned(self) -> Record:
         """At most `MOST_SAMPLES` readings, densest where the reading changes most."""

@@ -257,7 +257,7 @@ def errors(fitted: Fitted, records: Sequence[Record]) -> dict[str, float]:
     found = {}
     for record in (_on_line(r, fitted.line) for r in records):
         missed = place(fitted.modes, record, fitted.dead_s, fitted.channel)[2]
-        found[record.id] = float(np.mean(missed**2))
+        found[record.id] = float(np.mean(missed[record.time_s >= record.judged_from_s] ** 2))
     return found
 
 

@@ -188,7 +188,8 @@ def fit_part(
     deviations = channel.at_rest()
     deviations[:, RunEffect.START] = late_s
     found = unstuck(problem, fit(problem, extension.structure, start, deviations))
-    if start.size > channel.rates:
+    # Neither optimiser moves effects or airs; nobody knows where those are that were not recorded.
+    if start.size > channel.rates or not channel.conditions.airs_known.all():
         again = descended_point(problem, extension.structure)
         second = unstuck(problem, fit(problem, extension.structure, again.theta, again.deviations))
         found = second if second.deviance < found.deviance - SAME_DEVIANCE else found
