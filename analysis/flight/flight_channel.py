@@ -159,6 +159,8 @@ class FlightChannel:
         How the sensor itself did.
     as_before : ndarray (n,) or None
         What `uncertainty` has in it of air that may be as it was before the readings went where no other sensor did.
+    staying : ndarray (n,) or float
+        What it has in it of an error that stays for as long as a rounded reading does.
     """
 
     name: str
@@ -178,6 +180,7 @@ class FlightChannel:
     carried: Carried | None = None
     changed: Changed | None = None
     as_before: Array | None = None
+    staying: Array | float = 0.0
 
     @property
     def total_uncertainty(self) -> Array:
@@ -295,6 +298,7 @@ def judged(
         found.cutoff_hz,
         found.jumps_s,
         readings.response,
+        staying=np.where(raw_rows, 0.0, np.sqrt(found.staying) * unit),
     )
 
 

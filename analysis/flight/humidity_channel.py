@@ -321,8 +321,10 @@ def _through_vapour(
         moved = alone, _forgotten(alone, response, typical_period(time_s))
         believed, air = (possible_air(air - own) for own in moved)
         drift = _lagged_drift(air, believed, response, typical_period(time_s))
+    # what a temperature is off by for as long as it stays divides vapour before and behind the lag alike
+    moving = np.sqrt(np.maximum(sigma**2 - np.square(bead.staying), 0.0))
     # a late reading is of the air that was; the die's temperature comes from the same chip and is as late
-    now, air, error = air, *(_earlier(time_s, values, plain.delay_s) for values in (air, sigma))
+    now, air, error = air, *(_earlier(time_s, values, plain.delay_s) for values in (air, moving))
     if bead.carried is not None:
         now = now - bead.carried.value
     own = air if die is None else die

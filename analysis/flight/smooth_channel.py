@@ -20,6 +20,7 @@ from shockrig.analysis.flight.air_prior import (
     spectra,
     without_wave,
 )
+from shockrig.analysis.flight.likeliest import likeliest
 from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.smoother import Jumps
 from shockrig.analysis.flight.stretches import MOST_SHARE, largest_beside, largest_share
@@ -28,6 +29,7 @@ from shockrig.analysis.flight.sweep import (
     Sweep,
     Track,
     lags_behind,
+    log_likelihood,
     propagated,
     swept,
     within_a_step,
@@ -448,6 +450,7 @@ def without(track: Track, values: Array, found: Sweep, jumps: Jumps) -> Array:
 
 
 Rows = NDArray[np.int64]
+Sites = tuple[Array, Array]  # readings and variances of the Gaussians that stand for intervals
 LONGEST_BRIDGE_S = 60.0  # beyond, a gap parts the flight
 SEGMENT_SAMPLES = 250  # samples over which the air's turbulence intensity is taken as one, at least
 SEGMENT_LAGS = 12.0  # and so many of the sensor's time constants, or a slow sensor cannot tell it
@@ -480,7 +483,8 @@ class Estimate:
     noise in an inverse's air; `jumps_s`: times at which the air jumped, where the method looks for them, and `breaks`
     (b, 2) at which it or its slope did or seems to have, with the sigmas of a jump; `own_steps`: by how much the sensor
     itself reads more from a row on than before it, where the method looks for that; `cost`: minus the log-likelihood of
-    the readings, without its constant, of a method that has one.
+    the readings, without its constant, of a method that has one; `staying`: variance, of `variance`, of an error that
+    stays for as long as a rounded reading does.
     """
 
     air: Array
@@ -494,6 +498,7 @@ class Estimate:
     breaks: Array = field(default_factory=lambda: np.zeros((0, 2)))
     own_steps: Array = field(default_factory=lambda: np.zeros(0))
     cost: float = np.nan
+    staying: Array = field(default_factory=lambda: np.zeros(1))
 
 
 def estimate(
@@ -545,12 +550,14 @@ def estimate(
     known = np.zeros(on.row.shape, dtype=bool) if stepped is None else stepped[on.row] & on.measured
     found, local, jumps, own = with_jumps(track, on.bridged, variance, local, strengths, known_s, strengths.loud, known)
     on, broken = replace(on, bridged=on.bridged - np.cumsum(own)), breaks(track, jumps, found)
+    stays = np.zeros(on.row.shape)
     if rounding is None:
         brief = _brief(track.time_s, on.measured, BRIEF_LAGS * response.slowest_s)
         found, local = _of_samples(on, variance, brief, noise_factor, jumps, found, local, strengths)
     else:
-        found, local = _of_stairs(on, variance, noise_variance, rounding, jumps, local, strengths)
-    air, node_variance, clean = (np.interp(time_s, track.time_s, v) for v in (found.air, found.variance, found.clean))
+        found, local, stays = _of_stairs(on, variance, noise_variance, rounding, jumps, local, strengths)
+    every = found.air, found.variance + stays, found.clean, stays
+    air, node_variance, clean, staying = (np.interp(time_s, track.time_s, v) for v in every)
     typical = local.each(lambda strength: np.median(strength, keepdims=True))
     rate = resolved_rate(typical, along.at(slice(len(along.rate) // 2, len(along.rate) // 2 + 1)), track.period_s)
     if rounding is not None:
@@ -571,6 +578,7 @@ def estimate(
         breaks=broken,
         own_steps=own_steps,
         cost=float(found.cost.sum()),
+        staying=staying,
     )
 
 
@@ -652,14 +660,15 @@ def _of_stairs(
     jumps: Jumps,
     local: Prior,
     strengths: StrengthsOfFlight,
-) -> tuple[Sweep, Prior]:
-    """The sweep of readings in steps of `rounding` (rows,), and its strengths: never surer than what stays lets be."""
+) -> tuple[Sweep, Prior, Array]:
+    """The sweep of readings in steps of `rounding` (rows,), its strengths, and the variance (n,) that what stays leaves
+    besides."""
     steps = rounding[on.row]
     own = np.sqrt(np.maximum(noise_variance[on.row] - steps**2 / 12.0, 0.0))
     found, local = _within_steps(on.track, on.bridged, variance, steps, own, jumps, local, strengths)
     level = np.where(on.measured, np.round(on.bridged / steps), np.nan)
     least = within_a_step(on.track.time_s, level, steps, own, STILL_LAGS * on.slowest_s)
-    return replace(found, variance=np.maximum(found.variance, least)), local
+    return found, local, np.maximum(least - found.variance, 0.0)
 
 
 def _strengths(
@@ -776,19 +785,43 @@ def _within_steps(
     """The sweep for readings that were rounded by `steps` (n,) beside `noise` (n,), and its strengths.
 
     Rounded readings of slow air are stairs, whose power passes for turbulence: strengths are judged again by what a
-    logger with fine steps would have read.
+    logger with fine steps would have read. That is drawn smoother than the sensor went between two steps, so it tells
+    where the air varies more than elsewhere; by how much, each segment's intervals tell themselves, and how fast what
+    passes goes.
     """
 
-    def fine(local: Prior) -> Sweep:
-        sites, width = propagated(
-            lambda site, width: swept(track, site, width, local, jumps), values, variance, steps, noise
-        )
-        return swept(track, sites, width, local, jumps)
+    def fine(track: Track, local: Prior, begin: Sites | None = None) -> tuple[Sweep, Sites]:
+        def sweep(site: Array, width: Array) -> Sweep:
+            return swept(track, site, width, local, jumps, scored=False)
 
-    found = fine(local)
+        sites = propagated(sweep, values, variance, steps, noise, begin)
+        return sweep(*sites), sites
+
+    found, sites = fine(track, local)
     read = found.clean + noise * np.random.default_rng(0).standard_normal(noise.size)
     local = replace(strengths, noise=noise)(without(track, read, found, jumps), LARGEST_SHARE)
-    return fine(local), local
+    nodes = np.arange(values.size)
+    segments = nodes[::SEGMENT_SAMPLES]
+    middle = np.minimum(segments + SEGMENT_SAMPLES // 2, nodes[-1])
+
+    def with_rate(ln_factors: Array) -> Track:
+        if track.passing is None:
+            return track
+        return replace(track, passing=replace(track.passing, rate=track.passing.rate * float(np.exp(ln_factors[2]))))
+
+    def scaled(ln_factors: Array) -> Prior:
+        """By factors (2 or more,) of turbulence and bend, or those of each segment."""
+        of_each = np.broadcast_to(ln_factors, (segments.size, ln_factors.shape[-1]))
+        turbulence, bend = (np.exp(np.interp(nodes, middle, of_each[:, k])) for k in (0, 1))
+        return replace(local, turbulence=turbulence * local.turbulence, bend=bend * local.bend)
+
+    def told(ln_factors: Array, begin: Sites) -> tuple[Array, Sites]:
+        found, sites = fine(with_rate(ln_factors), scaled(ln_factors), begin)
+        return np.add.reduceat(log_likelihood(found, *sites, values, steps, noise), segments), sites
+
+    typical, of_segments = likeliest(told, sites, 2 if track.passing is None else 3)
+    local = scaled(of_segments)
+    return fine(with_rate(typical), local, sites)[0], local
 
 
 def _lone_readings(track: Track, values: Array, variance: Array, found: Sweep, jumps: Jumps) -> NDArray[np.bool_]:

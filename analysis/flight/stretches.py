@@ -172,6 +172,10 @@ def judge(
         also[np.interp(every, rows, rest) < LEFT_SHARE * also] = 0.0
         found.louder[every] = np.maximum(found.louder[every], also / noise)
     np.maximum(found.louder, 1.0, out=found.louder)
+    if resolution > COARSE_IN_NOISE * noise:
+        # air at the edge of a code makes readings go to and fro between two: that is no noise
+        ends = (of_window(values, WINDOW_ROWS, mode="nearest") for of_window in (maximum_filter1d, minimum_filter1d))
+        found.louder[rows[np.subtract(*ends) < 1.5 * resolution]] = 1.0
     if share <= MOST_SHARE:
         # of a sensor in a burst, or one that was stuck, a jump is no change
         odd = maximum_filter1d((found.louder[rows] > 1.0) | held | found.stood[rows], 3)

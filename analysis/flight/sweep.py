@@ -234,14 +234,19 @@ VAGUE_VARIANCE = 1e4  # a reading's variance is at most so many times its step's
 
 
 def propagated(
-    sweep: Callable[[Array, Array], Sweep], values: Array, variance: Array, step: Array, noise: Array
+    sweep: Callable[[Array, Array], Sweep],
+    values: Array,
+    variance: Array,
+    step: Array,
+    noise: Array,
+    begin: tuple[Array, Array] | None = None,
 ) -> tuple[Array, Array]:
     """Readings (m,) and variances as the Gaussians that stand for their intervals; variance infinite where none is.
 
-    `sweep` smooths such readings, `step` and `noise` (m,) are of each.
+    `sweep` smooths such readings, `step` and `noise` (m,) are of each; `begin` are Gaussians near the ones looked for.
     """
     seen = np.isfinite(variance)
-    site, site_variance = values.copy(), variance.copy()
+    site, site_variance = (one.copy() for one in begin or (values, variance))
     damping, before, moved = NEWTON_DAMPING, values, np.inf
     for _ in range(MOST_ROUNDS):
         found = sweep(site, site_variance)
@@ -252,10 +257,9 @@ def propagated(
         if moved > SETTLING_FACTOR * last:
             damping *= 0.5
         precision, shift = 1.0 / site_variance[seen], site[seen] / site_variance[seen]
-        own = np.maximum(found.clean_variance[seen], 1e-12 * step[seen] ** 2)
-        others = np.maximum(1.0 / own - precision, 1e-6 / step[seen] ** 2)
-        mean = (found.clean[seen] / own - shift) / others
-        tilted, tilted_variance = within(values[seen], step[seen], noise[seen], mean, 1.0 / others)
+        mean, of_others = _by_the_others(found, site, site_variance, step, seen)
+        others = 1.0 / of_others
+        tilted, tilted_variance = within(values[seen], step[seen], noise[seen], mean, of_others)
         # no reading says more than its noise lets it
         finest = 1.0 / (noise[seen] ** 2 + (SHARPEST_SIGMA * step[seen]) ** 2)
         new = np.clip(1.0 / tilted_variance - others, 1.0 / (VAGUE_VARIANCE * step[seen] ** 2), finest)
@@ -267,6 +271,29 @@ def propagated(
         shift = (1 - damping) * shift + damping * new_shift
         site_variance[seen], site[seen] = 1.0 / precision, shift / precision
     return np.where(seen, site, found.clean), site_variance
+
+
+def log_likelihood(found: Sweep, site: Array, site_variance: Array, values: Array, step: Array, noise: Array) -> Array:
+    """What each (m,) of the rounded readings `values` (m,) adds to the log-likelihood, 0 where there is none; for their
+    intervals the Gaussians `site` (m,) stand, which gave `found`."""
+    seen = np.isfinite(site_variance)
+    mean, of_others = _by_the_others(found, site, site_variance, step, seen)
+    # each interval over its Gaussian, as all others put the sensor there; and all of the Gaussians
+    wide = of_others + site_variance[seen]
+    of_gaussian = -0.5 * (np.log(wide) + (site[seen] - mean) ** 2 / wide)
+    of_interval = _tails(values[seen], step[seen], noise[seen], mean, of_others)[-1]
+    told = -found.cost
+    told[seen] += of_interval - of_gaussian
+    return told
+
+
+def _by_the_others(
+    found: Sweep, site: Array, site_variance: Array, step: Array, seen: NDArray[np.bool_]
+) -> tuple[Array, Array]:
+    """Mean and variance of what the sensor shows where it was `seen` (m,), by all Gaussians but the one there."""
+    own = np.maximum(found.clean_variance[seen], 1e-12 * step[seen] ** 2)
+    others = np.maximum(1.0 / own - 1.0 / site_variance[seen], 1e-6 / step[seen] ** 2)
+    return (found.clean[seen] / own - site[seen] / site_variance[seen]) / others, 1.0 / others
 
 
 def within_a_step(time_s: Array, level: Array, step: Array, noise: Array, memory_s: float) -> Array:
@@ -285,14 +312,22 @@ def within_a_step(time_s: Array, level: Array, step: Array, noise: Array, memory
 
 def within(reading: Array, step: Array, noise: Array, mean: Array, variance: Array) -> tuple[Array, Array]:
     """Mean and variance of z ~ N(mean, variance), given that z + noise was rounded to `reading`; shapes kept."""
-    wide = np.sqrt(variance + noise**2)
-    low, high = ((reading + sign * 0.5 * step - mean) / wide for sign in (-1.0, 1.0))
-    flip = low > 0  # the lower tail keeps its digits
-    low, high = np.where(flip, -high, low), np.where(flip, -low, high)
-    top, bottom = log_ndtr(high), log_ndtr(low)
-    mass = top + np.log1p(-np.exp(np.minimum(bottom - top, -1e-300)))
+    wide, flip, low, high, mass = _tails(reading, step, noise, mean, variance)
     at_low, at_high = (np.exp(-0.5 * x**2 - 0.5 * np.log(2 * np.pi) - mass) for x in (low, high))
     first = (at_low - at_high) * np.where(flip, -1.0, 1.0)
     second = low * at_low - high * at_high
     share = variance / wide
     return mean + share * first, np.maximum(variance + share**2 * (second - first**2), 1e-9 * variance)
+
+
+def _tails(
+    reading: Array, step: Array, noise: Array, mean: Array, variance: Array
+) -> tuple[Array, NDArray[np.bool_], Array, Array, Array]:
+    """Sigma of z + noise; whether its interval is flipped to the lower tail, which keeps its digits; the ends of that
+    in sigmas; and the logarithm of its probability."""
+    wide = np.sqrt(variance + noise**2)
+    low, high = ((reading + sign * 0.5 * step - mean) / wide for sign in (-1.0, 1.0))
+    flip = low > 0
+    low, high = np.where(flip, -high, low), np.where(flip, -low, high)
+    top, bottom = log_ndtr(high), log_ndtr(low)
+    return wide, flip, low, high, top + np.log1p(-np.exp(np.minimum(bottom - top, -1e-300)))
