@@ -683,7 +683,9 @@ def _strengths(
     track, calm = on.track, on.measured
     ordinary = np.ones(calm.size, dtype=bool)
     if track.passing is not None:
-        ordinary = track.passing.sigma <= ODD_FACTOR * np.median(track.passing.sigma)
+        # what passes says how much less than usual a reading tells only beside the reading's own noise
+        unsure = np.hypot(track.passing.sigma, np.sqrt(noise_variance[on.row]))
+        ordinary = unsure <= ODD_FACTOR * np.median(unsure)
     if loud is not None and rounding is not None:
         # readings that go to and fro between two steps are as loud as that, and no burst
         loud = loud & (noise_variance - rounding**2 / 12.0 > (TO_AND_FRO * rounding) ** 2)
