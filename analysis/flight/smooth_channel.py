@@ -25,6 +25,7 @@ from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.smoother import Jumps
 from shockrig.analysis.flight.stretches import MOST_SHARE, largest_beside, largest_share
 from shockrig.analysis.flight.sweep import (
+    AT_REST,
     Neighbourhood,
     Sweep,
     Track,
@@ -451,6 +452,7 @@ def without(track: Track, values: Array, found: Sweep, jumps: Jumps) -> Array:
 
 Rows = NDArray[np.int64]
 Sites = tuple[Array, Array]  # readings and variances of the Gaussians that stand for intervals
+NEARLY_AT_REST = 0.1  # of a step: at rest the likelihood has no slope in what stands for the intervals
 LONGEST_BRIDGE_S = 60.0  # beyond, a gap parts the flight
 SEGMENT_SAMPLES = 250  # samples over which the air's turbulence intensity is taken as one, at least
 SEGMENT_LAGS = 12.0  # and so many of the sensor's time constants, or a slow sensor cannot tell it
@@ -792,12 +794,11 @@ def _within_steps(
     passes goes.
     """
 
-    def fine(track: Track, local: Prior, begin: Sites | None = None) -> tuple[Sweep, Sites]:
+    def fine(track: Track, local: Prior, begin: Sites | None = None, at_rest: float = AT_REST) -> tuple[Sweep, Sites]:
         def sweep(site: Array, width: Array) -> Sweep:
             return swept(track, site, width, local, jumps, scored=False)
 
-        sites = propagated(sweep, values, variance, steps, noise, begin)
-        return sweep(*sites), sites
+        return propagated(sweep, values, variance, steps, noise, begin, at_rest)
 
     found, sites = fine(track, local)
     read = found.clean + noise * np.random.default_rng(0).standard_normal(noise.size)
@@ -818,7 +819,7 @@ def _within_steps(
         return replace(local, turbulence=turbulence * local.turbulence, bend=bend * local.bend)
 
     def told(ln_factors: Array, begin: Sites) -> tuple[Array, Sites]:
-        found, sites = fine(with_rate(ln_factors), scaled(ln_factors), begin)
+        found, sites = fine(with_rate(ln_factors), scaled(ln_factors), begin, NEARLY_AT_REST)
         return np.add.reduceat(log_likelihood(found, *sites, values, steps, noise), segments), sites
 
     typical, of_segments = likeliest(told, sites, 2 if track.passing is None else 3)

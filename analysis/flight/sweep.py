@@ -240,10 +240,13 @@ def propagated(
     step: Array,
     noise: Array,
     begin: tuple[Array, Array] | None = None,
-) -> tuple[Array, Array]:
-    """Readings (m,) and variances as the Gaussians that stand for their intervals; variance infinite where none is.
+    at_rest: float = AT_REST,
+) -> tuple[Sweep, tuple[Array, Array]]:
+    """Readings (m,) and variances as the Gaussians that stand for their intervals, variance infinite where none is;
+    and, before them, the sweep that they give.
 
-    `sweep` smooths such readings, `step` and `noise` (m,) are of each; `begin` are Gaussians near the ones looked for.
+    `sweep` smooths such readings, `step` and `noise` (m,) are of each; `begin` are Gaussians near the ones looked for,
+    which are `at_rest` where they move the sensor by less of a step.
     """
     seen = np.isfinite(variance)
     site, site_variance = (one.copy() for one in begin or (values, variance))
@@ -252,8 +255,9 @@ def propagated(
         found = sweep(site, site_variance)
         last, moved = moved, float(np.max(np.abs(found.clean - before)[seen] / step[seen], initial=0.0))
         before = found.clean
-        if moved < AT_REST:
-            break
+        if moved < at_rest:
+            return found, (site, site_variance)
+        site[~seen] = found.clean[~seen]
         if moved > SETTLING_FACTOR * last:
             damping *= 0.5
         precision, shift = 1.0 / site_variance[seen], site[seen] / site_variance[seen]
@@ -270,7 +274,7 @@ def propagated(
         precision = (1 - damping) * precision + damping * new
         shift = (1 - damping) * shift + damping * new_shift
         site_variance[seen], site[seen] = 1.0 / precision, shift / precision
-    return np.where(seen, site, found.clean), site_variance
+    return sweep(site, site_variance), (site, site_variance)
 
 
 def log_likelihood(found: Sweep, site: Array, site_variance: Array, values: Array, step: Array, noise: Array) -> Array:
