@@ -1,8 +1,9 @@
 """Factors under which readings are likeliest, where each likelihood costs a sweep of the smoother and has no slope.
 
 Points of a lattice in the logarithms of the factors, from 1 uphill to the neighbour that is likeliest; about the best,
-the vertex of a parabola along each factor. Segments of a flight lie about the typical one as their strengths do
-(`fit_windows`): Cauchy's distribution, so that a front or a burst does not speak for all of it and has its own.
+the vertex of a parabola along each factor. Segments of a flight overlap by half and lie about the typical one as their
+strengths do (`fit_windows`): Cauchy's distribution, so that a front or a burst does not speak for all of it and has its
+own.
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ def likeliest(told: Callable[[Array, State], tuple[Array, State]], begin: State,
         return off, np.array([of_each for of_each, _ in known.values()]) - apart[:, None]
 
     def at(place: Array) -> float:
-        return float(of_segments(place)[1].max(axis=0).sum() - 0.5 * np.sum((STRIDE_LN / SPREAD_LN * place) ** 2))
+        of_all = 0.5 * of_segments(place)[1].max(axis=0).sum()  # each reading is in two
+        return float(of_all - 0.5 * np.sum((STRIDE_LN / SPREAD_LN * place) ** 2))
 
     place = np.zeros(count, dtype=int)
     known[tuple(place.tolist())] = told(STRIDE_LN * place, begin)

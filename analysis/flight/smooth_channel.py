@@ -804,8 +804,9 @@ def _within_steps(
     read = found.clean + noise * np.random.default_rng(0).standard_normal(noise.size)
     local = replace(strengths, noise=noise)(without(track, read, found, jumps), LARGEST_SHARE)
     nodes = np.arange(values.size)
-    segments = nodes[::SEGMENT_SAMPLES]
-    middle = np.minimum(segments + SEGMENT_SAMPLES // 2, nodes[-1])
+    # segments overlap by half, so that a front at the end of one is in the middle of another
+    halves = nodes[:: SEGMENT_SAMPLES // 2]
+    middle = halves[1:] if halves.size > 1 else halves
 
     def with_rate(ln_factors: Array) -> Track:
         if track.passing is None:
@@ -814,13 +815,14 @@ def _within_steps(
 
     def scaled(ln_factors: Array) -> Prior:
         """By factors (2 or more,) of turbulence and bend, or those of each segment."""
-        of_each = np.broadcast_to(ln_factors, (segments.size, ln_factors.shape[-1]))
+        of_each = np.broadcast_to(ln_factors, (middle.size, ln_factors.shape[-1]))
         turbulence, bend = (np.exp(np.interp(nodes, middle, of_each[:, k])) for k in (0, 1))
         return replace(local, turbulence=turbulence * local.turbulence, bend=bend * local.bend)
 
     def told(ln_factors: Array, begin: Sites) -> tuple[Array, Sites]:
         found, sites = fine(with_rate(ln_factors), scaled(ln_factors), begin, NEARLY_AT_REST)
-        return np.add.reduceat(log_likelihood(found, *sites, values, steps, noise), segments), sites
+        of_each = np.add.reduceat(log_likelihood(found, *sites, values, steps, noise), halves)
+        return of_each[:-1] + of_each[1:] if halves.size > 1 else of_each, sites
 
     typical, of_segments = likeliest(told, sites, 2 if track.passing is None else 3)
     local = scaled(of_segments)
