@@ -272,7 +272,7 @@ def quick_part(
     for basis, extension in models.items():
         point = rough_point(problem, extension.structure, extension.starts)
         theta = Model(channel, extension.structure).start(point.theta[: channel.rates], dict(extension.starts or {}))
-        found = unstuck(problem, fit(problem, extension.structure, theta, point.deviations, iterations=40))
+        found = unstuck(problem, fit(problem, extension.structure, theta, point.deviations))
         parts[basis] = make_part(problem, labelled(problem, found))
     basis = min(parts, key=lambda name: parts[name].rmse)
     rows, undetermined = joint_rows(parts[basis], noise, basis)

@@ -117,7 +117,7 @@ def fitted(problem: Problem, explanation: Explanation, base: Structure) -> Fit:
     structure = structure_of(explanation, base, problem.channel.name)
     choice = {f"{effect}.{name}": value for effect, own in explanation.items() for name, value in own.items()}
     start = rough_point(problem, structure, {name: choice[name] for name in structure.names if name in choice})
-    return fit(problem, structure, start.theta, start.deviations, iterations=40)
+    return fit(problem, structure, start.theta, start.deviations)
 
 
 def against(problem: Problem, base: Structure, dispute: Dispute) -> list[float]:
@@ -285,7 +285,7 @@ class _Fitted:
 def _fit(problem: Problem, structure: Structure, near: Fit) -> Fit:
     """A fit at a held scatter of rates, from the parameters of another one."""
     theta = Model(problem.channel, structure).start(near.log_rates, near.choice)
-    return fit(problem, structure, theta, iterations=30, adapt_scatter=False)
+    return fit(problem, structure, theta, adapt_scatter=False)
 
 
 def _tempered(problem: Problem, old: NDArray[np.bool_]) -> Problem:

@@ -10,22 +10,15 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import Effect
-from shockrig.analysis.estimate.fit import Fit, fit, objective_at
+from shockrig.analysis.estimate.fit import MOST_STEPS, Fit, fit, objective_at
 from shockrig.analysis.estimate.fit_starts import open_starts, plainly_wrong, rough_point, unstuck
 from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.estimate.problem import Problem
 
 Array = NDArray[np.float64]
 
-NUDGED_FITS = 3  # from beside where one ended
 
-
-def refit(
-    problem: Problem,
-    structure: Structure,
-    near: Fit,
-    iterations: int = 30,
-) -> Fit:
+def refit(problem: Problem, structure: Structure, near: Fit, iterations: int = MOST_STEPS) -> Fit:
     """Fit `structure` from the parameters of `near`; from two starts of the deviations.
 
     An effect can hide in the runs' own deviations, and the deviations in an effect: hence both starts. Where the
@@ -50,23 +43,22 @@ def rate_shift(effect: Effect, channel: Channel) -> float:
 
 
 def _nudged(problem: Problem, found: Fit) -> list[Fit]:
-    """Fits from beside where one ended, where the objective has steps or ridges: from those that begin best."""
-    deviations, begun = begun_anew(problem, found), list[tuple[float, Array]]()
+    """A fit from beside where one ended, where the objective has steps or ridges: from the place that begins best."""
+    deviations, begun = begun_anew(problem, found), list[Array]()
     for effect in found.structure.effects:
         for offsets in effect.start.nudges(problem.channel) if effect.start.nudges else ():
             theta = found.theta.copy()
             for name, offset in offsets.items():
                 theta[found.model.place(f"{effect.id}.{name}")] += offset
-            theta = np.clip(theta, *found.model.bounds())
-            begun.append((objective_at(problem, found.model, Point(theta, deviations)), theta))
-    begun.sort(key=lambda one: one[0])
-    return [fit(problem, found.structure, theta, deviations) for _, theta in begun[:NUDGED_FITS]]
+            begun.append(np.clip(theta, *found.model.bounds()))
+    begun.sort(key=lambda theta: objective_at(problem, found.model, Point(theta, deviations)))
+    return [fit(problem, found.structure, theta, deviations) for theta in begun[:1]]
 
 
 def plain_fit(problem: Problem, structure: Structure = PLAIN) -> Fit:
     """Fit of the plain model (with the effects of the readings that `structure` holds fixed)."""
     start = rough_point(problem, structure)
-    return unstuck(problem, fit(problem, structure, start.theta, start.deviations, iterations=40))
+    return unstuck(problem, fit(problem, structure, start.theta, start.deviations))
 
 
 def begun_anew(problem: Problem, near: Fit) -> Array:

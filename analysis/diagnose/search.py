@@ -40,10 +40,10 @@ from shockrig.analysis.effects.forms import (
 )
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import Effect, by_name
-from shockrig.analysis.estimate.fit import Fit, fit, go_on
+from shockrig.analysis.estimate.fit import MOST_STEPS, Fit, fit, go_on
 from shockrig.analysis.estimate.fit_starts import plainly_wrong, rough_point, rough_rates
 from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
-from shockrig.analysis.estimate.predictive import Score, bumps, score, weights
+from shockrig.analysis.estimate.predictive import DISCREPANCIES, Score, bumps, score, weights
 from shockrig.analysis.estimate.problem import RATE_SCATTER, Problem
 from shockrig.analysis.estimate.quantity import RunEffect
 
@@ -55,13 +55,11 @@ Earlier = Mapping[str, Mapping[str, float]]  # effects that an earlier search of
 # How many candidates are begun, go on, and are fitted to their ends at each step: what a campaign may cost.
 BEGUN_COUNT, RUNNING_COUNT, FINISHED_COUNT = 12, 5, 2
 STARTS_EACH = 2  # of a candidate, the best to first order
-QUICK_STEPS, FURTHER_STEPS, WHOLE_STEPS = 3, 5, 25  # steps of Gauss and Newton
-MOST_EFFECTS, A_PAIR = 6, 2
-TINY_SIZE, LEAST_VARIANCE = 1e-12, 1e-9  # of the score of a column that says nothing, and of one that may say something
-SMALLEST_DISCREPANCY = 1e-6  # discrepancy that is none
+QUICK_STEPS, FURTHER_STEPS = 3, 5  # steps of Gauss and Newton, before a fit to its end
+A_PAIR = 2
+LEAST_VARIANCE = 1e-9  # of the score of a column that may say something
 FAR_DISCREPANCY = 0.005  # discrepancy, as a share of the step, from which the runs' deviations mean little
 WITHIN_REACH = 3.0  # nats that a candidate's promise to first order may lack and that its fit may bring
-MOST_MODELS = 80  # of the pool that are weighed: the best
 MOST_FITS = 600
 SIMPLE = frozenset(effect.id for effect in CATALOGUE.values() if effect.candidacy.simple)
 
@@ -227,7 +225,7 @@ class Race:
         prior = sum(self.priors.get(id_, 0.0) for id_ in found.structure.ids)
         return Rated(found, score(self.problem, found, self.bump), prior)
 
-    def fitted(self, structure: Structure, theta: Array, deviations: Array, steps: int) -> Rated:
+    def fitted(self, structure: Structure, theta: Array, deviations: Array, steps: int = MOST_STEPS) -> Rated:
         """A structure fitted from a start."""
         self.fits += 1
         return self.rated(fit(self.problem, structure, theta, deviations, steps))
@@ -305,7 +303,7 @@ class Race:
         groups (K, R) those of each column in each group of runs alone."""
         # A candidate may end what the model so far is wrong by: that is not to hide what it promises.
         # Nor is how much runs differ in their rates, where that is more than sensors usually do.
-        found, sigma = near.fit, max(min(near.score.discrepancy, FAR_DISCREPANCY), SMALLEST_DISCREPANCY)
+        found, sigma = near.fit, np.clip(near.score.discrepancy, DISCREPANCIES[1], FAR_DISCREPANCY)
         own = found.arrow.weight.copy()
         own[:, RunEffect.RATE] = np.maximum(own[:, RunEffect.RATE], 1.0 / RATE_SCATTER**2)
         discrepancy = np.full((self.bump.shape[0], self.bump.shape[-1]), 1.0 / sigma**2)
@@ -366,7 +364,7 @@ class Race:
         tried = [self.fitted(structure, model.start(r, choice), own, QUICK_STEPS) for r, choice, own in begins]
         return sorted(tried, key=lambda r: -r.value)
 
-    def _further(self, one: Rated, steps: int) -> Rated:
+    def _further(self, one: Rated, steps: int = MOST_STEPS) -> Rated:
         if one.fit.converged:
             return one
         self.fits += 1
@@ -374,7 +372,7 @@ class Race:
 
     def finished(self, one: Rated) -> Rated:
         """A model fitted to its end: from its own deviations, and as `refit` does from none and over ridges."""
-        ends = [self._further(one, WHOLE_STEPS)]
+        ends = [self._further(one)]
         self.fits += 2
         ends.append(self.rated(refit(self.problem, one.fit.structure, ends[0].fit)))
         return min(ends, key=lambda r: r.fit.deviance)
@@ -446,7 +444,7 @@ class Race:
 
     def grown(self, current: Rated, among: Sequence[Candidate], most: int | None = None) -> Rated:
         """A model with all that gains on unseen runs, one after another."""
-        while len(current.ids - self.fixed) < (most or MOST_EFFECTS):
+        while most is None or len(current.ids - self.fixed) < most:
             found = self.forward(current, among)
             if found is None or found.value <= current.value:
                 break
@@ -486,7 +484,7 @@ class Race:
                     trial = self.pool[frozenset(structure.ids)]
                 else:
                     theta = _carried(current.fit, structure, effect, other)
-                    trial = self.fitted(structure, theta, current.fit.deviations, WHOLE_STEPS)
+                    trial = self.fitted(structure, theta, current.fit.deviations)
                     if not self.is_sound(trial):
                         continue
                     trial = self.keep(trial)
@@ -510,7 +508,7 @@ def _sides(channel: Channel) -> tuple[list[str], Array]:
 
 def _promised(right: Array, size: Array, furthest: Array | float) -> Array:
     """What columns promise [nats] by their scores and variances, each taken no more than so many times."""
-    times = np.clip(right / np.maximum(size, TINY_SIZE), -furthest, furthest)
+    times = np.clip(right / np.maximum(size, LEAST_VARIANCE), -furthest, furthest)
     return np.asarray(np.where(size > LEAST_VARIANCE, times * right - 0.5 * times**2 * size, 0.0))
 
 
@@ -629,7 +627,7 @@ def _resumed(race: Race, plain: Rated, earlier: Earlier) -> Rated:
         return plain
     anew = begun_anew(race.problem, plain.fit)
     rates = rough_rates(race.problem, structure, anew, choice)
-    begun = race.fitted(structure, Model(race.problem.channel, structure).start(rates, choice), anew, WHOLE_STEPS)
+    begun = race.fitted(structure, Model(race.problem.channel, structure).start(rates, choice), anew)
     if not race.is_sound(begun):
         return plain
     return max(plain, race.pruned(race.keep(race.finished(begun))), key=_value)
@@ -637,7 +635,7 @@ def _resumed(race: Race, plain: Rated, earlier: Earlier) -> Rated:
 
 def _heaviest_first(among: Iterable[Rated]) -> tuple[tuple[Rated, ...], Array]:
     """The best of some models with their weights by their predictive densities."""
-    best = sorted(among, key=lambda r: -r.value)[:MOST_MODELS]
+    best = sorted(among, key=lambda r: -r.value)
     weight = weights([one.score.runs for one in best], [one.log_prior for one in best])
     order = sorted(range(len(best)), key=lambda i: (-weight[i], -best[i].value))
     return tuple(best[i] for i in order), weight[order]

@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 # all u_i together, linearised at each run's own estimate u_i.
 
 OBJECTIVE_TOLERANCE = 0.02  # drop of the objective at which a fit ends
+MOST_STEPS = 40  # of Gauss and Newton, of a fit that does not end before
 MOST_TRIES = 7  # of a step, each damped more
 DEVIATION_FACTOR = 0.35  # a run's random effects go that much less far at each
 LONGEST_RUN_STEP = 20.0  # of a run's random effects, in standard deviations
@@ -301,7 +302,7 @@ def fit(
     structure: Structure,
     theta: Array,
     deviations: Array | None = None,
-    iterations: int = 25,
+    iterations: int = MOST_STEPS,
     tolerance: float = OBJECTIVE_TOLERANCE,
     adapt_scatter: bool = True,
     hold_theta: bool = False,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.optimize import Bounds, differential_evolution
 
 from shockrig.analysis.estimate.channel import STARTS_WITHIN, Channel
-from shockrig.analysis.estimate.fit import Fit, fit, objective_at, run_misfit, with_airs
+from shockrig.analysis.estimate.fit import MOST_STEPS, Fit, fit, objective_at, run_misfit, with_airs
 from shockrig.analysis.estimate.model import LOG_RATE_BOUNDS, PLAIN, Model, Point, Structure
 from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import RunEffect
@@ -149,7 +149,7 @@ def plainly_wrong(problem: Problem, found: Fit) -> bool:
     return found.objective > PLAINLY_WRONG * problem.channel.count.size
 
 
-def unstuck(problem: Problem, found: Fit, iterations: int = 40) -> Fit:
+def unstuck(problem: Problem, found: Fit, iterations: int = MOST_STEPS) -> Fit:
     """The fit with the runs moved that are stuck on one side of a step: one of them may pass for an effect.
 
     Where the model is plainly wrong, those alone whose starts nobody recorded: they are all that it has to go by.
