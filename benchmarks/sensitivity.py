@@ -10,6 +10,10 @@ A number is an entry of the table of thresholds (`level:effect`) or a constant o
     logger   with a mean, repeats or coarse steps of the logger in one channel, which is looked at
     untimed  as hidden, the start of no transfer recorded
     grown    as hidden, looked at after 6 and 12 runs and at the end, as a planner does
+    planned  as hidden, the six runs that a planner wants next after 4 and 12 runs and at the end: right is that it goes
+             on, other that any of these runs is. Every number of the rooms design and plan is one of its
+    flown    four pairs of models of a sensor, and how flights rank that would tell them apart: other is another order,
+             plan or sentence, the error minutes per nat of the best one
     hums     half with a hum of 0.03 to 1 of the noise, some of these with bursts; a quarter with air that walks at
              random; the plateaus alone are looked at
     whole    as hidden, and all that a diagnosis says is looked at: what was tried and what predicts, what it cannot
@@ -26,11 +30,12 @@ import argparse
 import ast
 import atexit
 import functools
+import json
 import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +44,8 @@ from ablation_rules import Rule, number_of, without
 from resumed import scored
 
 from shockrig.analysis.checks.campaign_checks import checked
+from shockrig.analysis.design.goals import parse_goals
+from shockrig.analysis.design.shock import PlannedShock
 from shockrig.analysis.diagnose import diagnose as diagnosing
 from shockrig.analysis.diagnose.diagnose import diagnose_channel, next_experiments
 from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis
@@ -50,8 +57,14 @@ from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.noise import estimate_noise
 from shockrig.analysis.estimate.quantity import QUANTITIES
 from shockrig.analysis.estimate.without_model import rounding_step
+from shockrig.analysis.plan import decide_flight
+from shockrig.analysis.plan.decide import decide
+from shockrig.analysis.plan.decide_flight import advice, ranked
+from shockrig.analysis.plan.decision import CONTINUE
+from shockrig.analysis.plan.flight_plan import words
 from shockrig.analysis.plan.judged import Verdict, look_at
 from shockrig.files.campaign import Campaign, read_campaign
+from shockrig.files.learned import read_learned
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.hide import draw_effect, draw_hidden
 from shockrig.rig.virtual.plans import standard_plan
@@ -62,10 +75,18 @@ Line = dict[str, Any]
 HIDDEN: tuple[str | int, ...] = ("none", 1, 2)
 OF_LOGGER = ("moving_average", "quantization", "stale_samples")
 LOOKS = (6, 12, None)  # after how many runs; None: all
+PLANNED_AFTER, GOALS, RUNS_PLANNED = (4, 12, None), "alpha 0.2 %, D 0.3 %, ties decided", 6
 HUM_HZ, HUM_IN_NOISE = (0.03, 3.0), (0.03, 1.0)
 WALK_IN_NOISE = 0.3  # a reading, of a walk at random
 BURST_SHARE = 0.02
 PERIOD_WITHIN = 0.01
+LAG, SECOND_PATH = (["lag"], {"time_constant_s": 8.0}), (
+    ["second_path"], {"time_constant_s": 4.0, "fraction": 0.15, "second_time_constant_s": 60.0},
+)  # fmt: skip
+WARM, DESCENT = (["ventilated_warmth"], {"rise_k_at_5_m_s": 0.3}), (["offset_in_descent"], {"offset_in_descent": 0.5})
+NOTHING: tuple[list[str], dict[str, float]] = ([], {})
+RIVALS = ((LAG, SECOND_PATH), (NOTHING, WARM), (NOTHING, DESCENT), (LAG, NOTHING))
+AIR_AND_NOISE = (0.5, 0.1, 0.1, 0.1, 0.03, 0.01)  # standard deviations of what a flight's own numbers say
 RESTLESS = (
     "LEAST_P_VALUE", "LEAST_PLATEAU", "LONGEST_S", "PER_WIDTH", "LINE_TURNS", "SEEN_SQUARE", "FINE_FACTOR",
     "BESIDE_WIDTHS", "AROUND_WIDTHS", "LEFT_OUT_SIGMAS", "BURST_SIGMAS", "A_HANDFUL",
@@ -76,12 +97,20 @@ NUMBERS_OF = {
     "hidden": [f"level:{name}" for name in THRESHOLDS],
     "logger": MEANS,
     "untimed": ["diagnose.gain.STARTS_TRIED"],
-    "grown": [f"plan.judged.{name}" for name in ("FEWEST_JUDGED", "MORE_RUNS", "FALSE_ALARMS", "MOST_TIED")],
+    "grown": [
+        "design.evidence.FALSE_ALARMS",
+        *(f"plan.judged.{n}" for n in ("FEWEST_JUDGED", "MORE_RUNS", "MOST_TIED")),
+    ],
     "hums": [f"diagnose.restless.{name}" for name in RESTLESS],
 }
 AS_IT_IS = "as it is"
 # Modules of the room diagnose whose numbers a search reads.
 SEARCHING = frozenset({"search", "candidates", "grammar", "refitting", "prepare", "adequacy", "restless"})
+# Others that it reads, or what makes a channel ready for it.
+SEARCHED = {
+    f"level:{name}" for name in ("effect", "form", "factor", "named", "anything", "hidden_noise", "not_gaussian")
+}
+SEARCHED |= {f"design.{name}" for name in ("precision.FEWEST_RUNS", "varied.VARIED_RATIO", "varied.OTHER_PRESSURE")}
 _SEARCHES: dict[Any, Any] = {}
 
 
@@ -98,15 +127,22 @@ def numbers_in(room: str) -> list[str]:
     for path in sorted((home / room).glob("*.py")):
         for line in ast.parse(path.read_text(encoding="utf-8")).body:
             if isinstance(line, ast.Assign) and any(isinstance(part, ast.Constant) for part in ast.walk(line.value)):
-                names = [one.id for one in ast.walk(line) if isinstance(one, ast.Name)]
+                names = [one.id for to in line.targets for one in ast.walk(to) if isinstance(one, ast.Name)]
                 places = [f"{room}.{path.stem}.{name}" for name in names if name.isupper()]
                 found += [place for place in places if scaled(number_of(place), 2.0) is not None]
     return found
 
 
+PLANNED = PlannedShock.__init__
+FLYING = ("plan.decide_flight.", "plan.flight_plan.")  # whose numbers are of flights
+NO_THRESHOLDS = ("EARTH_RADIUS_M", "RANGE_OVER_SIGMA")
+
+
 def scaled(own: Any, factor: float) -> Any:
     """A number times a factor, a whole number as a whole one; each of several; None of what holds none."""
     if isinstance(own, bool) or not isinstance(own, (int, float, tuple, dict, np.ndarray)):
+        return None
+    if isinstance(own, float) and np.isnan(own):
         return None
     if isinstance(own, int):
         return max(round(own * factor), 1)
@@ -196,6 +232,31 @@ def grown(seed: int) -> list[Line]:
     return lines
 
 
+def planned(seed: int) -> list[Line]:
+    """The runs that a planner wants next after some runs of a campaign, or why it wants none."""
+    found, _ = _hidden(seed)
+    lines = []
+    for runs in PLANNED_AFTER:
+        wants = decide([replace(found, runs=found.runs[:runs])], parse_goals(GOALS), count=RUNS_PLANNED)
+        asked = [choice.shock.as_run() for choice in wants.choices]
+        lines.append({"right": wants.status == CONTINUE, "said": [wants.status, asked]})
+    return lines
+
+
+def flown(seed: int) -> list[Line]:
+    """How flights rank that would tell apart two models of a thermometer."""
+    rivals, sizes = RIVALS[seed % len(RIVALS)], [2.0 * float(np.log(share)) for share in AIR_AND_NOISE]
+    models = [{"laws": laws, "values": values, "probability": 0.5} for laws, values in rivals]
+    channel = {"verdict": "tied", "unit": 1.0, "sizes": sizes, "rivals": models}
+    head = {"format": "shock-learned/1", "altitude_m": [490.0, 610.0], "home": [46.8, 6.9, 491.0], "minutes": 10.0}
+    path = _folder() / "learned.json"
+    path.write_text(json.dumps(head | {"channels": {"temperature": channel}}))
+    limits = decide_flight.FlightLimits(decide_flight.LEGAL_CEILING_M, decide_flight.ENDURANCE_MINUTES)
+    best, *others = ranked(read_learned(path), limits)
+    said = [best.what, words(best.legs), advice(best), [one.what for one in others]]
+    return [{"right": best.nats > 0.0, "said": said, "error": best.minutes / best.nats}]
+
+
 def hums(seed: int) -> list[Line]:
     """What the plateaus of a thermometer's runs show."""
     rng = np.random.default_rng([seed, 2])
@@ -228,23 +289,37 @@ KINDS: dict[str, Callable[[int], list[Line]]] = {
     "logger": of_logger,
     "untimed": untimed,
     "grown": grown,
+    "planned": planned,
+    "flown": flown,
     "hums": hums,
     "whole": whole,
 }
+
+
+NUMBERS_OF["planned"] = [*numbers_in("design"), *(one for one in numbers_in("plan") if not one.startswith(FLYING))]
+NUMBERS_OF["planned"].append("design.evidence.REJECTED_FROM")
+NUMBERS_OF["flown"] = [one for one in numbers_in("plan") if one.startswith(FLYING) and not one.endswith(NO_THRESHOLDS)]
 
 
 def changed(name: str, factor: float) -> Rule:
     """A number times a factor; where no search reads it, what the search of the same problem found is not sought
     anew."""
     instead = {name: scaled(number_of(name), factor)}
-    if name.startswith("diagnose.") and name.split(".")[1] not in SEARCHING:
+    if not (name.startswith("diagnose.") and name.split(".")[1] in SEARCHING or name in SEARCHED):
         instead["diagnose.diagnose.search"] = _remembered
+    if name == "design.shock.LEAD_S":  # what runs have of which nobody says it
+        instead["design.shock.PlannedShock.__init__"] = functools.partialmethod(_begun, lead_s=instead[name])
     return Rule(name, "", instead)
+
+
+def _begun(shock: PlannedShock, *args: Any, lead_s: float, **named: Any) -> None:
+    given = {"lead_s": lead_s} if len(args) < [one.name for one in fields(PlannedShock)].index("lead_s") + 1 else {}
+    PLANNED(shock, *args, **given | named)
 
 
 def _remembered(problem: Any, base: Any, earlier: Any, describing: bool) -> Any:
     """A search, once for each campaign's channel as it is searched."""
-    key = problem.channel.name, base.ids, describing, problem.channel.value.tobytes()
+    key = problem.channel.name, base.ids, describing, repr(earlier), problem.channel.value.tobytes()
     if key not in _SEARCHES:
         _SEARCHES[key] = search(problem, base, earlier, describing)
     return _SEARCHES[key]
@@ -259,7 +334,7 @@ def row(lines: list[Line], usual: dict[tuple[Any, ...], Line]) -> str:
     return f"{sum(one['right'] for one in lines):>5}/{len(lines):<4}{others:>6} {error}"
 
 
-def _shown(number: str) -> str:
+def shown(number: str) -> str:
     """A number's value, or how many it holds."""
     if number == AS_IT_IS:
         return ""
@@ -299,7 +374,7 @@ def main() -> int:
         print(kind)
         for number, factor in dict.fromkeys(job[:2] for job in jobs if job[2] == kind):
             own = [one for one in lines if (one["kind"], one["number"], one["factor"]) == (kind, number, factor)]
-            print(f"{number:<34}{_shown(number):>10}{factor:>6g}{row(own, usual)}")
+            print(f"{number:<34}{shown(number):>10}{factor:>6g}{row(own, usual)}")
     return 0
 
 

@@ -26,6 +26,14 @@ class Command(IntEnum):
     CHANGE_SPEED = 178
 
 
+class Speed(IntEnum):
+    """SPEED_TYPE: which speed `CHANGE_SPEED` sets."""
+
+    GROUND = 1
+    CLIMB = 2
+    DESCENT = 3
+
+
 class Frame(IntEnum):
     """MAV_FRAME: what a position of an item is measured from."""
 

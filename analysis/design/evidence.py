@@ -37,9 +37,9 @@ from shockrig.analysis.estimate.problem import Problem, posterior_scatter, prior
 Array = NDArray[np.float64]
 Explanation = Mapping[str, Mapping[str, float]]  # effect -> parameter -> value that a fit begins from
 OLD_RUNS_POWER = 0.5  # power of the old runs' likelihood
-REJECTED_FROM = float(np.log(100.0))  # ln E from which an explanation is out
+FALSE_ALARMS = 0.01  # of campaigns in which a look may choose wrongly
+REJECTED_FROM = -float(np.log(FALSE_ALARMS))  # ln E from which an explanation is out
 MOST_TOLD = REJECTED_FROM - 0.5  # ln E against a rival, of one that still stands
-FEWEST_DEGREES = 4
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Dispute:
 
     def degrees(self, rates: int) -> int:
         """Degrees of freedom with which the scatter of runs was known then."""
-        return max(len(self.runs) - rates, FEWEST_DEGREES)
+        return max(len(self.runs) - rates, 1)
 
     def labels(self) -> list[str]:
         """What sets each explanation apart from the others."""

@@ -16,7 +16,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.design.shock import LEAD_S, PHASE_S, PlannedShock
+from shockrig.analysis.design.shock import LEAD_S, PlannedShock
 from shockrig.analysis.estimate.channel import AMBIENT_WIDTH_K, Channel, bin_means, edges_after_transfer, place
 from shockrig.analysis.estimate.fit import Fit, linearise
 from shockrig.analysis.estimate.gather import TRIGGER_SCATTER_S
@@ -80,7 +80,7 @@ def _conditions(like: Conditions, shocks: Sequence[PlannedShock]) -> Conditions:
     slowed = np.array([np.nan if shock.transfer_s is None else shock.transfer_s for shock in shocks])
     return Conditions(
         **{name: np.array([getattr(shock, name) for shock in shocks], dtype=float) for name in stated},
-        start_s=np.array([shock.lead_s for shock in shocks]) + PHASE_S,
+        start_s=np.array([shock.lead_s for shock in shocks]),
         start_scatter_s=TRIGGER_SCATTER_S * many,
         source_c_scatter=TEMPERATURE.air_scatter * many,
         destination_c_scatter=TEMPERATURE.air_scatter * many,

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from shockrig.analysis.design.shock import SOAK_OVER_S, PlannedShock
+from shockrig.analysis.design.shock import PlannedShock
 from shockrig.files.campaign import Campaign, Run
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ Airs = tuple[float, float, float, float]  # source degC and %RH, destination deg
 
 # Between two records, in s: for a stage's way back and a soak's least; for 1 K and 1 %RH of either chamber; for 1 %RH
 # between where the probes were and where they start from. Chambers do 1 to 3 K/min and more %RH.
-USUAL_BETWEEN_RECORDS = np.array([SOAK_OVER_S + 5.0, 3.0, 0.3, 0.2])
+USUAL_BETWEEN_RECORDS = np.array([17.0, 3.0, 0.3, 0.2])
 HOW_SURE = 0.7  # of the usual, in pairs of runs
 SLOWEST_BETWEEN_RECORDS = USUAL_BETWEEN_RECORDS * (1.0, 20.0, 20.0, 1.0)  # chambers that do 1 K/min
 LONGEST_BETWEEN_S = 3 * 3600.0  # more is a pause, not a move, however slow the bench

@@ -12,15 +12,13 @@ from shockrig.analysis.estimate.quantity import ChannelName
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 
 LEAD_S, LONG_LEAD_S = 6.0, 30.0  # recorded before a transfer; longer, for what a run's own clock does
-PHASE_S = 0.5  # that a bench's transfer comes later, on average: it is at another phase of the sampling each time
-SOAK_OVER_S = 12.0  # within which a soak must have come to rest
 USUAL_AIRFLOW_M_S = 6.0
 USUAL_C = 20.0
 WARMER_K = 20.0  # the other air of a thermal shock
 LONG_S, LONGEST_S = 70.0, 150.0  # of a record after the transfer that shows slow tails too
 SHORTEST_S = 8.0
 SLOWED_S = 2.0
-SLOWEST_M_S = 1.5
+SLOWEST_M_S = 0.7  # that a fan keeps steady
 
 
 @dataclass(frozen=True)

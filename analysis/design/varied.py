@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 VARIETY_WORTH = 0.5  # worth of a run in another direction or airflow, where ties are to be decided
 ENOUGH_RUNS = 1.8  # runs of one kind, a smaller step than the largest counting as much less
 OTHER_PRESSURE = 0.03  # relative difference from which on a pressure is another one, and no weather
-OTHER_FLOW = 1.5  # times as much airflow is another one
+VARIED_RATIO = 1.5  # times as much airflow is another one, and times as large a step
 
 
 def variety(channels: Sequence[Channel], shocks: Sequence[PlannedShock], planned: Sequence[PlannedShock] = ()) -> Array:
@@ -47,11 +47,11 @@ def variety(channels: Sequence[Channel], shocks: Sequence[PlannedShock], planned
 def _other_flow(flows: Array, share: Array, flow: float) -> bool:
     """Whether an airflow is one that less than two runs of the largest step have had something like."""
     low, high = float(flows.min()), float(flows.max())
-    if high < OTHER_FLOW * low:
-        return max(high, flow) > OTHER_FLOW * min(low, flow)
+    if high < VARIED_RATIO * low:
+        return max(high, flow) > VARIED_RATIO * min(low, flow)
     slow = flows < np.sqrt(low * high)
     few = [float(share[slow].sum()) < ENOUGH_RUNS, float(share[~slow].sum()) < ENOUGH_RUNS]
-    return few[0] and flow <= OTHER_FLOW * low or few[1] and flow >= high / OTHER_FLOW
+    return few[0] and flow <= VARIED_RATIO * low or few[1] and flow >= high / VARIED_RATIO
 
 
 def _step_of(channel: Channel, shock: PlannedShock) -> float:
@@ -69,7 +69,7 @@ def is_again(run: Run, first: Run) -> bool:
     apart = np.abs(np.subtract(airs, others)) < [*least, *least]
     slow, fast = sorted(one.airflow_m_s or PlannedShock.airflow_m_s for one in (run, first))
     same_pressure = abs(run.pressure_hpa / first.pressure_hpa - 1.0) <= OTHER_PRESSURE
-    return bool(apart.all()) and fast < OTHER_FLOW * slow and same_pressure
+    return bool(apart.all()) and fast < VARIED_RATIO * slow and same_pressure
 
 
 def shock_of(run: Run) -> PlannedShock | None:

@@ -13,7 +13,7 @@ from shockrig.analysis.design.designs import Designs, deciding_ambients
 from shockrig.analysis.design.evidence import OpenDispute
 from shockrig.analysis.design.minutes import learn
 from shockrig.analysis.design.precision import FEWEST_RUNS
-from shockrig.analysis.design.shock import USUAL_C, PlannedShock, Usual, deciding_menu, opening
+from shockrig.analysis.design.shock import SLOWEST_M_S, USUAL_C, PlannedShock, Usual, deciding_menu, opening
 from shockrig.analysis.design.varied import usual
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import Fit
@@ -21,7 +21,6 @@ from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.problem import Problem
 
 MOST_ASKED = 2  # kinds of runs
-STEADY_M_S = 0.7  # slowest airflow that a fan keeps steady
 
 
 def propose(problem: Problem, noise: Noise, tied: Sequence[Fit]) -> list[dict[str, Any]]:
@@ -46,7 +45,7 @@ def unseen(channel: Channel) -> list[dict[str, Any]]:
     if not c.airflow_known.all():
         return []
     flows = (float(c.airflow_m_s.min()), float(c.airflow_m_s.max()))
-    beyond = 0.5 * flows[0] if flows[0] > 2.0 * STEADY_M_S else max(1.5 * flows[1], STEADY_M_S)
+    beyond = 0.5 * flows[0] if flows[0] > 2.0 * SLOWEST_M_S else max(1.5 * flows[1], SLOWEST_M_S)
     words = "at an airflow that was not seen: what was described is known at the recorded ones alone"
     shock = next(one for one in opening(USUAL_C, _usual(channel)) if one.shows == channel.name)
     return [_asked_for(replace(shock, airflow_m_s=round(beyond, 2), why=words))]

@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.analysis.design.precision import FEWEST_RUNS
+from shockrig.analysis.design.varied import OTHER_PRESSURE, VARIED_RATIO
 from shockrig.analysis.effects.forms import (
     SCALES,
     SCATTER,
@@ -19,17 +21,13 @@ from shockrig.analysis.effects.forms import (
 )
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import Effect
-from shockrig.analysis.physics.air_exchange import Conditions, dew_margin_k
+from shockrig.analysis.physics.air_exchange import DEW_FALLS_K, Conditions, dew_margin_k
 
 Array = NDArray[np.float64]
 
 LEAST_RUNS = 8  # fewer say nothing of conditions that were held out
 MOST_RUNS = 250  # more take too much memory at once
-VARIED_AIRFLOW_RATIO, VARIED_STEP_RATIO = 1.2, 1.5  # ratios from which on a factor has varied
-AMBIENTS_K, LEVELS_PERCENT, PRESSURES = 3.0, 10.0, 0.03
-LEAST_DEW_K, LEAST_DEWED = 0.5, 3  # margin from which on dew falls, and runs in which it does
-LEAST_GROUP = 2  # runs on either side of a change, or of a group
-MOST_SCALES = 2  # conditions that scale one strength
+AMBIENTS_K, LEVELS_PERCENT = 3.0, 10.0  # from which on a factor has varied
 ALL_BUT_ORDER = 0.98  # correlation of runs' times with their order from which on one stands for both
 PERIODS_TRIED = 28  # that are tried, from a second to the length of a run
 
@@ -86,14 +84,13 @@ def varied(channel: Channel) -> set[str]:
     sizes = np.abs(step[real]) if real.any() else np.ones(1)
     level = 0.5 * (c.source_percent + c.destination_percent)
     tests = {
-        "airflow": c.airflow_known.all()
-        and c.airflow_m_s.max() > VARIED_AIRFLOW_RATIO * max(c.airflow_m_s.min(), 1e-9),
+        "airflow": c.airflow_known.all() and c.airflow_m_s.max() > VARIED_RATIO * max(c.airflow_m_s.min(), 1e-9),
         "ambient": np.ptp(c.destination_c) > AMBIENTS_K,
         "direction": (step[real] > 0).any() and (step[real] < 0).any(),
-        "step": sizes.max() > VARIED_STEP_RATIO * sizes.min(),
+        "step": sizes.max() > VARIED_RATIO * sizes.min(),
         "humidity": np.ptp(level) > LEVELS_PERCENT,
-        "pressure": np.ptp(c.pressure_hpa) > PRESSURES * c.pressure_hpa.mean(),
-        "dew": LEAST_DEWED <= (dew_margin_k(c) > LEAST_DEW_K).sum() < channel.runs,
+        "pressure": np.ptp(c.pressure_hpa) > OTHER_PRESSURE * c.pressure_hpa.mean(),
+        "dew": FEWEST_RUNS <= (dew_margin_k(c) > DEW_FALLS_K).sum() < channel.runs,
         "run_order": channel.runs >= LEAST_RUNS,
         "time_of_campaign": channel.runs >= LEAST_RUNS and _uneven(c),
     }
@@ -178,8 +175,8 @@ def _scaled(form: Form, channel: Channel) -> Iterator[Form]:
 
 
 def splits(channel: Channel) -> range:
-    """Runs, in their order from 0, at which a group of runs may begin that leaves one on either side."""
-    return range(LEAST_GROUP, channel.runs - LEAST_GROUP + 1)
+    """Runs, in their order from 0, at which a group of runs may begin that leaves some on either side."""
+    return range(FEWEST_RUNS, channel.runs - FEWEST_RUNS + 1)
 
 
 def kin(form: Form, channel: Channel) -> Iterator[Form]:
@@ -187,8 +184,7 @@ def kin(form: Form, channel: Channel) -> Iterator[Form]:
     for one in form.depends_on:
         if one[1] in SCALES or one == SPREAD:
             yield replace(form, depends_on=tuple(other for other in form.depends_on if other != one))
-    if sum(how in SCALES for _, how in form.depends_on) < MOST_SCALES:
-        yield from _scaled(form, channel)
+    yield from _scaled(form, channel)
     if _may_spread(form):
         yield form.with_factor(*SPREAD)
     yield from by_chance(form, channel)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from shockrig.analysis.design.varied import OTHER_FLOW
+from shockrig.analysis.design.varied import VARIED_RATIO
 from shockrig.analysis.diagnose.search import Search
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.estimate.channel import Channel
@@ -46,7 +46,7 @@ def cannot_tell(channel: Channel) -> tuple[str, ...]:
     """Sentences, each on one thing that the campaign leaves open and what it would have needed."""
     c, sensor = channel.conditions, channel.sensor
     several, step, driven = channel.runs > 1, channel.quantity.step(c), bool(channel.measured.any())
-    alike = c.airflow_m_s.max() < OTHER_FLOW * max(c.airflow_m_s.min(), 1e-9)
+    alike = c.airflow_m_s.max() < VARIED_RATIO * max(c.airflow_m_s.min(), 1e-9)
     one_airflow = several and c.airflow_known.all() and alike
     one_way = several and not driven and (np.all(step > 0) or np.all(step < 0))
     own_unknown = channel.name == "humidity" and not np.isfinite(channel.die_c).any() and not channel.isothermal.all()

@@ -20,6 +20,7 @@ from shockrig.analysis.estimate.effect import Effect, Finding, SingleReadings
 from shockrig.analysis.estimate.fit import Fit, model_at_samples, run_misfit
 from shockrig.analysis.estimate.model import Held, Structure
 from shockrig.analysis.estimate.noise import (
+    AVERAGED_KNOWN_TO,
     COARSE_IN_NOISE,
     MAX_AVERAGED,
     Noise,
@@ -32,8 +33,6 @@ from shockrig.analysis.estimate.predictive import bumps, score
 from shockrig.analysis.estimate.problem import Problem, make_problem
 from shockrig.analysis.estimate.without_model import coarser_than_the_sensor, known_to, rounding_step
 from shockrig.files.diagnosis_data import Discovered, EffectSize
-
-A_TENTH = 0.1  # of a reading, to which a whole number of them is known
 
 
 @dataclass(frozen=True)
@@ -80,7 +79,7 @@ def prepare(channel: Channel, averaged: int | None = None) -> Prepared:
         mean, period_s = described(MEAN.key, known.channel.jumps_with_air), known.channel.reading_period_s
         over_s = noise.averaged * period_s
         structure = structure.adding(mean, Held(mean.id, mean.parameters[0].name, over_s))
-        shown.append(discovered_of(mean, {mean.parameters[0].name: (over_s, A_TENTH * period_s)}))
+        shown.append(discovered_of(mean, {mean.parameters[0].name: (over_s, AVERAGED_KNOWN_TO * period_s)}))
     if coarser_than_the_sensor(known.channel, known.step) and not any(entry.readout.rounded_to for entry in entries):
         size = EffectSize(known.step, known_to(known.step), known.channel.quantity.unit)
         shown.append(Discovered("offset", "own_response", size=size))

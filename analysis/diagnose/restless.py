@@ -33,7 +33,7 @@ FINE_FACTOR = 12  # times as many around the one that stands out
 BESIDE_WIDTHS = 3  # widths of a line, which are not taken for the noise beside it
 AROUND_WIDTHS = 40  # widths of a line, which are
 LEFT_OUT_SIGMAS = 3.0  # robust standard deviations of a burst: no sine goes there
-LEAST_LEFT, TINY = 1e-9, 1e-300  # what is rounding [unit], and what is nothing
+LEAST_LEFT = 1e-9  # what is rounding [unit]
 BURST_SIGMAS = 5.5  # standard deviations from which on a reading belongs to a burst
 A_HANDFUL, EXPECTED_SHARE = 1.5, 3e-4  # readings that are absurd in real logs, and their share
 NEAR_TURN, FEWEST_TURNS = 0.3, 2.0  # over a run: of a turn, within which swings keep step; turns that tell a swing
@@ -129,7 +129,7 @@ def _taken_out(channel: Channel, ends: Sequence[_Ends], near_hz: float, looks: f
     usual = gamma * np.where(lag == 0, 1.0, 2.0) * (1.0 - lag / gamma.size)
     density = float((usual * np.cos(2.0 * np.pi * frequency * lag * channel.sampling_period_s)).sum())
     taken = sum(one.square - rest for one, rest in zip(ends, left, strict=True))
-    chance = looks * float(special.gammaincc(told.sum(), 0.5 * taken / max(density, TINY)))
+    chance = looks * float(special.gammaincc(told.sum(), 0.5 * taken / max(density, np.finfo(float).tiny)))
     # Cramer and Rao over the length of whole runs (Rife and Boorstyn 1974, doi 10.1109/TIT.1974.1055282).
     span_s = float(np.median([time[-1] - time[0] for time, _ in channel.samples]))
     u = np.sqrt(1.5 / (1.0 / by_noise[seen]).sum()) / (np.pi * size * span_s)

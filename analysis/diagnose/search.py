@@ -56,7 +56,6 @@ Earlier = Mapping[str, Mapping[str, float]]  # effects that an earlier search of
 BEGUN_COUNT, RUNNING_COUNT, FINISHED_COUNT = 12, 5, 2
 STARTS_EACH = 2  # of a candidate, the best to first order
 QUICK_STEPS, FURTHER_STEPS = 3, 5  # steps of Gauss and Newton, before a fit to its end
-A_PAIR = 2
 LEAST_VARIANCE = 1e-9  # of the score of a column that may say something
 FAR_DISCREPANCY = 0.005  # discrepancy, as a share of the step, from which the runs' deviations mean little
 WITHIN_REACH = 3.0  # nats that a candidate's promise to first order may lack and that its fit may bring
@@ -442,12 +441,9 @@ class Race:
             current = less
         return current
 
-    def grown(self, current: Rated, among: Sequence[Candidate], most: int | None = None) -> Rated:
+    def grown(self, current: Rated, among: Sequence[Candidate]) -> Rated:
         """A model with all that gains on unseen runs, one after another."""
-        while most is None or len(current.ids - self.fixed) < most:
-            found = self.forward(current, among)
-            if found is None or found.value <= current.value:
-                break
+        while (found := self.forward(current, among)) is not None and found.value > current.value:
             current = self.pruned(found)
         return current
 
@@ -458,7 +454,7 @@ class Race:
             done.add(current.ids)
             best, own = current, sorted(current.ids - self.fixed)
             # Two that each do half of it may stand in the place of one.
-            for size in (1, 2) if len(own) > A_PAIR else (1,):
+            for size in (1, 2):
                 for gone in itertools.combinations(own, size) if best is current else ():
                     other = self.forward(reduce(self.without, gone, current), among, frozenset(gone))
                     best = best if other is None else max(best, other, key=_value)
@@ -548,7 +544,7 @@ def search(
     # the whole of it, unless two that are listed are better.
     law = race.with_one(plain, forms)
     whole = law.value > race.with_one(plain, entries).value and race.with_one(law, among) is law
-    named = race.grown(plain, entries, A_PAIR if whole else None)
+    named = race.grown(plain, entries)
     if not whole:
         named = max(named, _from_runner_up(race, named, entries), key=_value)
     named = max(named, resumed, key=_value)

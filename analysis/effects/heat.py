@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import Arrays, Effect, InFlight, Needs, Parameter, Words
-from shockrig.analysis.physics.air_exchange import dew_margin_k, ventilation_ratio
+from shockrig.analysis.physics.air_exchange import DEW_FALLS_K, dew_margin_k, ventilation_ratio
 from shockrig.analysis.physics.chain import Chain, Recorded, relative_ventilation
 from shockrig.analysis.physics.humidity import ZERO_CELSIUS_K
 
@@ -18,7 +18,7 @@ def wetted(channel: Recorded) -> Array:
     """1 for the runs (R,) whose destination is known to be below saturation and so lets a wet bead dry, scaled by
     (100 - RH) / 50."""
     air = channel.conditions
-    return np.where(dew_margin_k(air) > 0.5, np.clip((100.0 - air.destination_percent) / 50.0, 0.0, 2.0), 0.0)
+    return np.where(dew_margin_k(air) > DEW_FALLS_K, np.clip((100.0 - air.destination_percent) / 50.0, 0.0, 2.0), 0.0)
 
 
 def _cooled(chain: Chain, p: Arrays) -> Chain:

@@ -23,6 +23,7 @@ from shockrig.analysis.estimate.effect import (
     unchanged,
 )
 from shockrig.analysis.estimate.model import LEAST_TRIGGER_OFFSET_S
+from shockrig.analysis.estimate.noise import AVERAGED_KNOWN_TO
 from shockrig.analysis.estimate.without_model import coarser_than_the_sensor, known_to, mostly_repeats
 from shockrig.analysis.physics.chain import Chain
 
@@ -136,7 +137,7 @@ def seen_in_noise(known: SingleReadings) -> Finding | None:
     gain = float(likelihood[noise.averaged - 1] - likelihood[0])
     return Finding(
         "moving_average",
-        {"samples": (float(noise.averaged), 0.1)},
+        {"samples": (float(noise.averaged), AVERAGED_KNOWN_TO)},
         f"the plateaus' noise is that of a mean over {noise.averaged} readings "
         f"(log likelihood {gain:+.0f} against plain noise)",
     )

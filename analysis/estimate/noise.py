@@ -109,6 +109,7 @@ SHORTEST_PIECE = 10
 FEWEST_PIECES = 3  # of plateau, in all
 AVERAGE_NATS = 8.0  # by which an average over readings has to be likelier than none
 MAX_AVERAGED = 24
+AVERAGED_KNOWN_TO = 0.1  # of a reading, which are a whole number
 OWN_SHARE = 0.4  # of a sensor's time to half of a step
 TINY_VARIANCE = 1e-12  # variance of what is nothing
 NO_COVARIANCE = 1e12  # deviance of a covariance that is none

@@ -98,6 +98,9 @@ class Stream:
         return np.asarray(self.pressure_hpa / STANDARD_PRESSURE_HPA)
 
 
+DEW_FALLS_K = 0.5  # margin from which on dew falls for certain
+
+
 def dew_margin_k(conditions: Conditions) -> Array:
     """How far the destination's dew point lies above the air that each run (R,) comes from; 0 where no dew falls, or
     nobody knows."""

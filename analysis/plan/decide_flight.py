@@ -28,6 +28,7 @@ from shockrig.analysis.effects.forms import USUAL_PERCENT
 from shockrig.analysis.learn.bins import LEAST_PASS_M, REFERENCE_TEMPERATURE_C, FlightBins, binned
 from shockrig.analysis.learn.density import MOVE_STEP, MOVES, UNKNOWN, WALKS, FlightChannelData, SensorModel, prepared
 from shockrig.analysis.learn.laws import LAWS, Law
+from shockrig.analysis.learn.learn import NAMED_FROM
 from shockrig.analysis.physics.standard_atmosphere import LAYERS
 from shockrig.analysis.plan.flight_plan import (
     LEVEL_USUAL_M_S,
@@ -53,7 +54,6 @@ Array = NDArray[np.float64]
 
 CANDIDATE_BINS = 64  # of a candidate flight: as fine as two models of a sensor differ
 RANGE_OVER_SIGMA = math.sqrt(12.0)  # range of what is spread evenly, over its standard deviation
-FARTHEST_SPREADS = 5.0  # of what is known of the air, to which it may be another one
 MOST_CANDIDATES = 3  # of a channel: the most probable, each against each
 LEGAL_CEILING_M = 120.0  # above ground without a permission in most countries (EU 2019/947; FAA part 107: 400 ft)
 ENDURANCE_MINUTES = 20.0  # of a usual multicopter
@@ -63,7 +63,7 @@ SLOWEST_SHARE = 0.4  # of the endurance that a slow climb takes at most
 HOVER_S = 120.0  # twice the time that a stem or a housing usually takes
 LEVEL_S = 60.0  # out and back at one airspeed
 BOUND_ROUNDING = 1e-6
-DECISIVE_NATS = math.log(20.0)  # 20 to 1, at which `learn` names
+DECISIVE_NATS = -math.log(1.0 - NAMED_FROM)  # 20 to 1
 LEAST_NATS = 0.05  # of a flight that says anything
 SUNLIT = ("ventilated_warmth", "warm_die")
 AT_NIGHT = (
@@ -272,8 +272,7 @@ def nats_against(data: FlightChannelData, own: Array, line: float, right: Sensor
         value, slope = _against(data, own + data.spread * away, other, expected)
         return value + 0.5 * float(away @ away), data.spread * slope + away
 
-    within = [(-FARTHEST_SPREADS, FARTHEST_SPREADS)] * own.size
-    least = minimize(cost, np.zeros(own.size), jac=True, method="L-BFGS-B", bounds=within)
+    least = minimize(cost, np.zeros(own.size), jac=True, method="L-BFGS-B")
     return max(float(least.fun) - _against(data, own, right, truth)[0], 0.0)
 
 

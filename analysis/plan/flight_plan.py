@@ -13,14 +13,13 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from shockrig.files.mission import Command, Item, Mission
+from shockrig.files.mission import Command, Item, Mission, Speed
 
 EARTH_RADIUS_M = 6_371_000.0
 TAKEOFF_TO_M = 10.0  # altitude to which the drone rises by itself before the first leg
 # What ArduCopter does by itself: WPNAV_SPEED_UP at takeoff, WPNAV_SPEED until it is set, and for the landing
 # WPNAV_SPEED_DN, below LAND_ALT_LOW LAND_SPEED.
 TAKEOFF_M_S, LEVEL_USUAL_M_S, DESCENT_USUAL_M_S, LANDING_M_S, LANDING_FROM_M = 2.5, 10.0, 1.5, 0.5, 10.0
-GROUND_SPEED, CLIMB_SPEED, DESCENT_SPEED = 1, 2, 3  # SPEED_TYPE
 
 
 @dataclass(frozen=True)
@@ -111,9 +110,9 @@ def mission_of(home: Home, legs: Sequence[Leg]) -> Mission:
 def _items(home: Home, legs: Sequence[Leg]) -> Iterator[Item]:
     """Commands from takeoff to landing; a speed is set where it is not what it was."""
     latitude, longitude, _ = home
-    set_m_s: dict[int, float] = {}
+    set_m_s: dict[Speed, float] = {}
 
-    def speed(kind: int, value: float) -> Iterator[Item]:
+    def speed(kind: Speed, value: float) -> Iterator[Item]:
         if set_m_s.get(kind) != value:
             set_m_s[kind] = value
             yield Item(Command.CHANGE_SPEED, (float(kind), value, -1.0, 0.0))  # -1: the throttle as it is
@@ -125,12 +124,12 @@ def _items(home: Home, legs: Sequence[Leg]) -> Iterator[Item]:
     for leg, at_m in flown(legs, TAKEOFF_TO_M):
         match leg:
             case Straight(to_m, value):
-                yield from speed(CLIMB_SPEED if to_m > at_m else DESCENT_SPEED, value)
+                yield from speed(Speed.CLIMB if to_m > at_m else Speed.DESCENT, value)
                 yield Item(Command.WAYPOINT, position=place(to_m))
             case Hover(seconds):
                 yield Item(Command.LOITER_TIME, (seconds, 0.0, 0.0, 0.0), place(at_m))
             case OutAndBack(metres, value):
-                yield from speed(GROUND_SPEED, value)
+                yield from speed(Speed.GROUND, value)
                 yield Item(Command.WAYPOINT, position=place(at_m, metres / 2))
                 yield Item(Command.WAYPOINT, position=place(at_m))
     yield Item(Command.RETURN_TO_LAUNCH)

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from shockrig.analysis.characterize.part_fit import Extension, extension_of
-from shockrig.analysis.design.evidence import Dispute, Explanation, OpenDispute, against, fitted, label_of
+from shockrig.analysis.design.evidence import FALSE_ALARMS, Dispute, Explanation, OpenDispute, against, fitted, label_of
 from shockrig.analysis.design.goals import Place
 from shockrig.analysis.diagnose.adequacy import judge
 from shockrig.analysis.diagnose.diagnose import diagnose_channel, enough
@@ -108,7 +108,6 @@ class Verdict:
         return extension_of(causes, others, channel)
 
 
-FALSE_ALARMS = 0.01  # of campaigns in which a look may choose wrongly
 MOST_TIED = 6  # beside the best one
 FEWEST_JUDGED = 4  # that are diagnosed before the end
 MOST_RUNS_TRIED = 24  # by which a channel is given up of which fewer can be used

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from shockrig.analysis.design.evidence import REJECTED_FROM
 from shockrig.analysis.report.html import Details, Figure, HtmlPage, KeyNumber, Section, Table, Text, Tone
 from shockrig.analysis.report.panels import panels
 from shockrig.files.figures import BLUE, CYCLE, GREY, INK, save_figure, styled
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
 Entry = Mapping[str, Any]
 TONES: dict[str, Tone] = {"done": "good", "inconclusive": "warning", "continue": "neutral"}
-OUT_LN = float(np.log(100.0))
 MOST_LINEAR = 50.0  # of an axis
 GOALS_ACROSS, RIVALS_ACROSS = 4, 2  # names in a row of a legend
 
@@ -117,7 +117,7 @@ def _standing(verdict: Mapping[str, Any]) -> list[str]:
     dispute = verdict.get("dispute")
     if dispute is None:
         return []
-    left = [label for label, x in zip(dispute["labels"], dispute["against"], strict=True) if x < OUT_LN]
+    left = [label for label, x in zip(dispute["labels"], dispute["against"], strict=True) if x < REJECTED_FROM]
     return left if len(left) > 1 else []
 
 
@@ -181,8 +181,8 @@ def evidence_figure(entries: Sequence[Entry]) -> MatplotlibFigure:
     for (label, points), colour in zip(curves.items(), CYCLE * 8, strict=False):
         runs, against = np.array(points).T
         ax.plot(runs, against, color=colour, marker="o", markersize=3, linewidth=1.1, label=label)
-    ax.axhline(OUT_LN, color=INK, linewidth=0.7, linestyle="--")
-    ax.annotate("ruled out above", (0.0, OUT_LN), xycoords=("axes fraction", "data"), xytext=(4, 3),
+    ax.axhline(REJECTED_FROM, color=INK, linewidth=0.7, linestyle="--")
+    ax.annotate("ruled out above", (0.0, REJECTED_FROM), xycoords=("axes fraction", "data"), xytext=(4, 3),
                 textcoords="offset points", fontsize="small", color=INK)  # fmt: skip
     ax.set_ylim(bottom=min(-1.0, ax.get_ylim()[0]), top=max(10.0, ax.get_ylim()[1]))
     if np.ptp(ax.get_ylim()) > MOST_LINEAR:

@@ -9,9 +9,9 @@ from foreign_worlds import draw
 from small_worlds import record as record_small
 
 from shockrig.analysis.design.evidence import OpenDispute, expected
-from shockrig.analysis.design.shock import PlannedShock
+from shockrig.analysis.design.shock import SLOWEST_M_S, PlannedShock
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
-from shockrig.analysis.diagnose.experiments import STEADY_M_S, propose, unseen
+from shockrig.analysis.diagnose.experiments import propose, unseen
 from shockrig.analysis.diagnose.refitting import plain_fit, refit
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.channel import FINE_BIN_WIDTHS, edges_after_transfer, fine_width
@@ -82,7 +82,7 @@ def test_of_still_air_a_run_in_air_that_moves_is_asked_for(tmp_path):
     channel = build_channel(record_small(tmp_path / "campaign", 3, plan=shocks), "temperature")
     assert channel.conditions.airflow_m_s.max() == 0.0
     (run,) = unseen(channel)
-    assert run["airflow_m_s"] == STEADY_M_S
+    assert run["airflow_m_s"] == SLOWEST_M_S
 
 
 def test_runs_beside_a_reference_and_runs_without_one_are_told_apart_by_no_part_of_them(tmp_path):
