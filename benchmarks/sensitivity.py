@@ -10,8 +10,8 @@ A number is an entry of the table of thresholds (`level:effect`) or a constant o
     logger   with a mean, repeats or coarse steps of the logger in one channel, which is looked at
     untimed  as hidden, the start of no transfer recorded
     grown    as hidden, looked at after 6 and 12 runs and at the end, as a planner does
-    planned  as hidden, the six runs that a planner wants next after 4 and 12 runs and at the end: right is that it goes
-             on, other that any of these runs is. Every number of the rooms design and plan is one of its
+    planned  as hidden, the two runs that a planner wants next after 4 and 12 runs: right is that it goes on, other that
+             it wants others. Every number of the rooms design and plan is one of its
     flown    four pairs of models of a sensor, and how flights rank that would tell them apart: other is another order,
              plan or sentence, the error minutes per nat of the best one
     hums     half with a hum of 0.03 to 1 of the noise, some of these with bursts; a quarter with air that walks at
@@ -31,6 +31,7 @@ import ast
 import atexit
 import functools
 import json
+import pickle
 import shutil
 import sys
 import tempfile
@@ -48,7 +49,7 @@ from shockrig.analysis.design.goals import parse_goals
 from shockrig.analysis.design.shock import PlannedShock
 from shockrig.analysis.diagnose import diagnose as diagnosing
 from shockrig.analysis.diagnose.diagnose import diagnose_channel, next_experiments
-from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis
+from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis, ChannelOutcome, outcome_of
 from shockrig.analysis.diagnose.restless import bursts, without_hums
 from shockrig.analysis.diagnose.search import search
 from shockrig.analysis.diagnose.thresholds import THRESHOLDS
@@ -62,7 +63,7 @@ from shockrig.analysis.plan.decide import decide
 from shockrig.analysis.plan.decide_flight import advice, ranked
 from shockrig.analysis.plan.decision import CONTINUE
 from shockrig.analysis.plan.flight_plan import words
-from shockrig.analysis.plan.judged import Verdict, look_at
+from shockrig.analysis.plan.judged import FEWEST_JUDGED, Verdict, look_at
 from shockrig.files.campaign import Campaign, read_campaign
 from shockrig.files.learned import read_learned
 from shockrig.rig.virtual.batch import simulate_campaign
@@ -75,7 +76,7 @@ Line = dict[str, Any]
 HIDDEN: tuple[str | int, ...] = ("none", 1, 2)
 OF_LOGGER = ("moving_average", "quantization", "stale_samples")
 LOOKS = (6, 12, None)  # after how many runs; None: all
-PLANNED_AFTER, GOALS, RUNS_PLANNED = (4, 12, None), "alpha 0.2 %, D 0.3 %, ties decided", 6
+PLANNED_AFTER, GOALS, RUNS_PLANNED = (4, 12), "alpha 0.2 %, D 0.3 %, ties decided", 2
 HUM_HZ, HUM_IN_NOISE = (0.03, 3.0), (0.03, 1.0)
 WALK_IN_NOISE = 0.3  # a reading, of a walk at random
 BURST_SHARE = 0.02
@@ -133,7 +134,7 @@ def numbers_in(room: str) -> list[str]:
     return found
 
 
-PLANNED = PlannedShock.__init__
+PLANNED, EXPECTED_NATS = PlannedShock.__init__, decide_flight.expected_nats
 FLYING = ("plan.decide_flight.", "plan.flight_plan.")  # whose numbers are of flights
 NO_THRESHOLDS = ("EARTH_RADIUS_M", "RANGE_OVER_SIGMA")
 
@@ -237,10 +238,22 @@ def planned(seed: int) -> list[Line]:
     found, _ = _hidden(seed)
     lines = []
     for runs in PLANNED_AFTER:
-        wants = decide([replace(found, runs=found.runs[:runs])], parse_goals(GOALS), count=RUNS_PLANNED)
+        part = replace(found, runs=found.runs[:runs])
+        wants = decide([part], parse_goals(GOALS), count=RUNS_PLANNED, made=_outcomes(part))
         asked = [choice.shock.as_run() for choice in wants.choices]
         lines.append({"right": wants.status == CONTINUE, "said": [wants.status, asked]})
     return lines
+
+
+def _outcomes(found: Campaign) -> dict[str, ChannelOutcome]:
+    """What a diagnosis says of each channel of a campaign, made once: no number of planning has a say in it."""
+    key = found.path, len(found.runs)
+    if key not in _SEARCHES:
+        channels = (build_channel(checked(found).campaign, name) for name in QUANTITIES)
+        judged = [one for one in channels if one is not None and one.runs >= FEWEST_JUDGED]
+        _SEARCHES[key] = {one.name: outcome_of(diagnose_channel(one)) for one in judged}
+    outcomes: dict[str, ChannelOutcome] = _SEARCHES[key]
+    return outcomes
 
 
 def flown(seed: int) -> list[Line]:
@@ -307,6 +320,8 @@ def changed(name: str, factor: float) -> Rule:
     instead = {name: scaled(number_of(name), factor)}
     if not (name.startswith("diagnose.") and name.split(".")[1] in SEARCHING or name in SEARCHED):
         instead["diagnose.diagnose.search"] = _remembered
+    if name.startswith(FLYING):
+        instead["plan.decide_flight.expected_nats"] = _remembered_nats
     if name == "design.shock.LEAD_S":  # what runs have of which nobody says it
         instead["design.shock.PlannedShock.__init__"] = functools.partialmethod(_begun, lead_s=instead[name])
     return Rule(name, "", instead)
@@ -323,6 +338,14 @@ def _remembered(problem: Any, base: Any, earlier: Any, describing: bool) -> Any:
     if key not in _SEARCHES:
         _SEARCHES[key] = search(problem, base, earlier, describing)
     return _SEARCHES[key]
+
+
+def _remembered_nats(bins: Any, channel: str, learned: Any, candidates: Any) -> float:
+    """What a flight is expected to say, once for each flight."""
+    key = pickle.dumps((bins, learned.channels[channel].rivals, len(candidates)))
+    if key not in _SEARCHES:
+        _SEARCHES[key] = EXPECTED_NATS(bins, channel, learned, candidates)
+    return float(_SEARCHES[key])
 
 
 def row(lines: list[Line], usual: dict[tuple[Any, ...], Line]) -> str:
