@@ -10,8 +10,8 @@ A number is an entry of the table of thresholds (`level:effect`) or a constant o
     logger   with a mean, repeats or coarse steps of the logger in one channel, which is looked at
     untimed  as hidden, the start of no transfer recorded
     grown    as hidden, looked at after 6 and 12 runs and at the end, as a planner does
-    planned  as hidden, the two runs that a planner wants next after 4 and 12 runs: right is that it goes on, other that
-             it wants others. Every number of the rooms design and plan is one of its
+    planned  as hidden, the two runs that a planner wants next after 12 runs: right is that it goes on, other that it
+             wants others. Every number of the rooms design and plan is one of its
     flown    four pairs of models of a sensor, and how flights rank that would tell them apart: other is another order,
              plan or sentence, the error minutes per nat of the best one
     hums     half with a hum of 0.03 to 1 of the noise, some of these with bursts; a quarter with air that walks at
@@ -76,7 +76,7 @@ Line = dict[str, Any]
 HIDDEN: tuple[str | int, ...] = ("none", 1, 2)
 OF_LOGGER = ("moving_average", "quantization", "stale_samples")
 LOOKS = (6, 12, None)  # after how many runs; None: all
-PLANNED_AFTER, GOALS, RUNS_PLANNED = (4, 12), "alpha 0.2 %, D 0.3 %, ties decided", 2
+PLANNED_AFTER, GOALS, RUNS_PLANNED = 12, "alpha 0.2 %, D 0.3 %, ties decided", 2
 HUM_HZ, HUM_IN_NOISE = (0.03, 3.0), (0.03, 1.0)
 WALK_IN_NOISE = 0.3  # a reading, of a walk at random
 BURST_SHARE = 0.02
@@ -236,13 +236,10 @@ def grown(seed: int) -> list[Line]:
 def planned(seed: int) -> list[Line]:
     """The runs that a planner wants next after some runs of a campaign, or why it wants none."""
     found, _ = _hidden(seed)
-    lines = []
-    for runs in PLANNED_AFTER:
-        part = replace(found, runs=found.runs[:runs])
-        wants = decide([part], parse_goals(GOALS), count=RUNS_PLANNED, made=_outcomes(part))
-        asked = [choice.shock.as_run() for choice in wants.choices]
-        lines.append({"right": wants.status == CONTINUE, "said": [wants.status, asked]})
-    return lines
+    part = replace(found, runs=found.runs[:PLANNED_AFTER])
+    wants = decide([part], parse_goals(GOALS), count=RUNS_PLANNED, made=_outcomes(part))
+    asked = [choice.shock.as_run() for choice in wants.choices]
+    return [{"right": wants.status == CONTINUE, "said": [wants.status, asked]}]
 
 
 def _outcomes(found: Campaign) -> dict[str, ChannelOutcome]:

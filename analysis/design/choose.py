@@ -21,8 +21,9 @@ from shockrig.files.campaign import Run
 Array = NDArray[np.float64]
 ANCHOR_EVERY = 6
 UNTOLD = float("nan")  # where nothing is expected of a run: it was not chosen for what it brings
-# Of the best worth per minute: among these chance chooses, so that order and conditions do not go together.
-NEARLY_BEST = 0.97
+# Of the best worth per minute, that a run may lack: among these chance chooses, so that order and conditions do not go
+# together.
+NEARLY_BEST = 0.03
 OPTIONS_SHOWN = 6
 LEAST_GAIN = 0.01  # of a goal, by the best run of the menu: it would take a hundred, if nobody gives minutes for them
 
@@ -87,7 +88,7 @@ def choose_runs(
         best = max(rates, default=0.0)
         if best < 1e-5:
             break
-        m = int(rng.choice([m for m, rate in enumerate(rates) if rate >= NEARLY_BEST * best]))
+        m = int(rng.choice([m for m, rate in enumerate(rates) if rate >= (1.0 - NEARLY_BEST) * best]))
         due = (number + len(chosen) + 1) % ANCHOR_EVERY == 0 and since + len(chosen) >= ANCHOR_EVERY - 1
         if designs.anchor is not None and due:
             m = designs.anchor
