@@ -10,8 +10,10 @@ from shockrig.analysis.characterize.shifts import widened
 from shockrig.analysis.diagnose.diagnosed import Predicting
 from shockrig.analysis.diagnose.gain import LEAST_SQUARE, as_judged, carried, run_errors, squares_of_bins
 from shockrig.analysis.diagnose.prepare import Prepared
-from shockrig.analysis.diagnose.search import SIMPLE, Search
+from shockrig.analysis.diagnose.search import SIMPLE, Rated, Search
 from shockrig.analysis.diagnose.stated_effects import causes_in, forms_in
+from shockrig.analysis.effects.described import drifts, is_described
+from shockrig.analysis.effects.forms import form_of
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import Fit
 from shockrig.analysis.estimate.predictive import BUMP_COUNT, bumps, no_surer, score
@@ -32,14 +34,15 @@ def predicting_model(ready: Prepared, found: Search, stands: Predicting, shown: 
     A name has to be sure, a prediction only good: models whose effects say nothing may predict as well. And no name
     asks what a run would do that nobody has seen: it has none of the rates that runs have of their own. At those,
     every model leaves as little that says of what rates depend on; beside noise that is small, weight tells nothing of
-    what a model is wrong by. So both orders are asked.
+    what a model is wrong by. So both orders are asked. What goes with the order of these runs says nothing of others,
+    unless it is stated.
     """
     problem, channel = ready.problem, ready.problem.channel
     heaviest = [one for one, _ in found.predictors]
     least_left = sorted(heaviest, key=lambda one: _criterion(channel, one.fit))
     simple = (one for one in heaviest if one.ids - found.plain.ids <= SIMPLE)
     firsts = *heaviest[:MOST_PREDICTING], *least_left[:MOST_PREDICTING], *simple
-    models = {id(one): one for one in (found.best, found.plain, *firsts)}
+    models = {id(one): one for one in (found.best, found.plain, *firsts) if not _drifts(one, beside=found.best)}
     tried = [(one, judged) for one in models.values() if (judged := as_judged(problem, one.fit)) is not None]
     left = [float(run_errors(channel, problem, judged).mean()) for _, judged in tried]
     before, least = float(run_errors(channel, problem, found.best.fit).mean()), min(left, default=np.inf)
@@ -57,6 +60,11 @@ def predicting_model(ready: Prepared, found: Search, stands: Predicting, shown: 
         (*forms_in(problem, stated_so, final), *shown),
         (float(np.sqrt(before)), float(np.sqrt(least))),
     )
+
+
+def _drifts(one: Rated, beside: Rated) -> bool:
+    """Whether a model holds a form that another does not and that goes with the order of the runs or their hours."""
+    return any(is_described(id_) and drifts(form_of(id_)) for id_ in one.ids - beside.ids)
 
 
 def outdone(problem: Problem, found: Search) -> bool:

@@ -96,7 +96,7 @@ def described(key: str, jumps: bool) -> Effect:
             "Record the runs that are proposed, and look on the bench for what behaves so.",
         ),
         start=behaviour.start(form, unit),
-        in_flight=None if _drifts(form) else behaviour.flown(form),
+        in_flight=None if drifts(form) else behaviour.flown(form),
         order=ORDER_AFTER_CATALOGUE,
         scatters=SCATTER in form.depends_on,
         differs_in=differs_in(form),
@@ -109,7 +109,7 @@ def _link(form: Form) -> Link:
     return "logger" if form == MEAN else BEHAVIOURS[form.behaves_as].link
 
 
-def _drifts(form: Form) -> bool:
+def drifts(form: Form) -> bool:
     """Whether it grows from run to run, or with the hours of a campaign: then it is the bench's, not the sensor's."""
     return any(on[0] in ("run_order", "time_of_campaign") for on in form.depends_on if on != SCATTER)
 
