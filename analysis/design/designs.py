@@ -31,7 +31,8 @@ from shockrig.analysis.fleet.statistics import LEAST_VARIANCE, film
 from shockrig.files.fleet_file import ALPHA, Coordinate, Population
 
 Array = NDArray[np.float64]
-ENOUGH_T63 = 9.0  # of record after the transfer in which a rate is told: 98 % of a film's step takes 4.7
+ENOUGH_T63 = 9.0  # of record after the transfer in which a film's rate is told: 98 % of its step takes 4.7
+ENOUGH_BEAD_T63 = 14.0
 MOST_AMBIENTS = 3  # at which runs that decide are looked for
 
 
@@ -196,7 +197,7 @@ def _dwell_s(found: Mapping[str, Characterization | None], ambient_c: float, iso
     if not own:
         return LONG_S
     slowest = max(_t63_s(one, name, ambient_c) for one in own)
-    return float(np.clip(ENOUGH_T63 * slowest, SHORTEST_S, LONGEST_S))
+    return float(np.clip((ENOUGH_T63 if isothermal else ENOUGH_BEAD_T63) * slowest, SHORTEST_S, LONGEST_S))
 
 
 def _t63_s(result: ChannelResult, name: ChannelName, ambient_c: float) -> float:

@@ -40,6 +40,7 @@ OLD_RUNS_POWER = 0.5  # power of the old runs' likelihood
 FALSE_ALARMS = 0.01  # of campaigns in which a look may choose wrongly
 REJECTED_FROM = -float(np.log(FALSE_ALARMS))  # ln E from which an explanation is out
 MOST_TOLD = REJECTED_FROM - 0.5  # ln E against a rival, of one that still stands
+FEWEST_DEGREES = 4  # of a variance that runs tell: what sensors usually do is known before any
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ class Dispute:
 
     def degrees(self, rates: int) -> int:
         """Degrees of freedom with which the scatter of runs was known then."""
-        return max(len(self.runs) - rates, 1)
+        return max(len(self.runs) - rates, FEWEST_DEGREES)
 
     def labels(self) -> list[str]:
         """What sets each explanation apart from the others."""
