@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize
+from scipy.optimize import lsq_linear, minimize
 
-from shockrig.analysis.diagnose.gain import PLACED_WITHIN, placed, run_errors
+from shockrig.analysis.diagnose.gain import PLACED_WITHIN, placed, run_errors, within_limits
 from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import Point
@@ -59,3 +59,17 @@ def test_a_start_long_before_the_record_keeps_to_the_limits_where_it_fits_best(l
     plain = plain_fit(problem)
     slow = replace(plain, theta=np.array([log_rate]))
     assert np.sqrt(run_errors(channel, problem, slow)[0]) < most
+
+
+def test_what_is_least_within_limits_is_found_for_all_runs_at_once():
+    """Where columns differ by orders of size and some nearly coincide, block pivoting alone goes round now and then."""
+    rng, (runs, readings, numbers) = np.random.default_rng(1), (600, 30, 6)
+    columns = rng.standard_normal((runs, readings, numbers)) * np.exp(2.0 * rng.standard_normal((runs, 1, numbers)))
+    columns[..., 1] += 3.0 * columns[..., 0] * rng.random((runs, 1))
+    values = 3.0 * rng.standard_normal((runs, readings))
+    least, most = (sign * np.exp(rng.standard_normal((runs, numbers)) - 1.0) for sign in (-1.0, 1.0))
+    turned = np.swapaxes(columns, 1, 2)
+    found = within_limits(turned @ columns, (turned @ values[..., None])[..., 0], least, most)
+    each = zip(columns, values, least, most, strict=True)
+    one_by_one = np.array([lsq_linear(j, r, limits, method="bvls", tol=1e-14).x for j, r, *limits in each])
+    assert found == pytest.approx(one_by_one, rel=1e-6, abs=1e-8)
