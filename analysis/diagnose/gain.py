@@ -7,7 +7,6 @@ for every model; errors are over single samples.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -40,7 +39,6 @@ FREE_LIMIT = 10.0  # likewise, of what nobody recorded
 STARTS_TRIED = 61  # within the limits
 NEWTON_STEPS = 8  # of Gauss and Newton within the limits
 SETTLED_STEP = 1e-3  # of the limits: a smaller step is none
-MOST_PIVOTS = 200  # of what limits hold; a handful does
 
 
 def placed(bins: Problem, found: Fit) -> Array:
@@ -167,10 +165,7 @@ def _descended(part: Problem, found: Fit, here: Array, limit: Array) -> tuple[Ar
 
 def _bounded_step(arrow: Arrow, left: Array, here: Array, low: Array, high: Array) -> Array:
     """Random effects (R, U) that leave least within their limits, to first order."""
-    turned = np.swapaxes(arrow.run_jacobian, 1, 2)
-    normal = turned @ arrow.run_jacobian + arrow.weight[:, :, None] * np.eye(here.shape[1])
-    right = (turned @ left[..., None])[..., 0] - arrow.weight * here
-    return here + within_limits(normal, right, low - here, high - here)
+    return here + within_limits(arrow.blocks, arrow.run_sides(left, here), low - here, high - here)
 
 
 def within_limits(normal: Array, right: Array, least: Array, most: Array) -> Array:
@@ -179,7 +174,7 @@ def within_limits(normal: Array, right: Array, least: Array, most: Array) -> Arr
     10.1016/0305-0548(94)90106-6)."""
     at = np.zeros(right.shape, dtype=int)  # -1 and 1 where a limit holds a number
     numbers, step = np.arange(right.shape[1]), np.zeros(right.shape)
-    for tried in itertools.count():
+    for tried in range(3**numbers.size):  # as many as there are sets of limits
         held = at != 0
         limits = np.where(held, np.where(at < 0, least, most), 0.0)
         free = np.where(held[:, :, None] | held[:, None, :], np.eye(numbers.size), normal)
@@ -187,7 +182,7 @@ def within_limits(normal: Array, right: Array, least: Array, most: Array) -> Arr
         step = np.linalg.solve(free, rest[..., None])[..., 0]
         beyond = np.where(held, 0, (step > most).astype(int) - (step < least))
         wrong = (beyond != 0) | (at * (right - (normal @ step[..., None])[..., 0]) < 0)
-        if not wrong.any() or tried > MOST_PIVOTS:
+        if not wrong.any():
             break
         if tried >= numbers.size:
             wrong &= numbers == np.max(np.where(wrong, numbers, -1), axis=1, keepdims=True)

@@ -85,12 +85,16 @@ class Arrow:
 
         `residual` (R, n) is whitened and taken at `deviations` (R, U); `pull` (P,) is what the prior adds for theta.
         """
-        own = (self._turned @ residual[..., None])[..., 0] - self.weight * deviations
+        own = self.run_sides(residual, deviations)
         steps: Array = np.asarray(np.linalg.solve(self.blocks, own[..., None])[..., 0])
         coupled, _ = self._coupled
         right = self.jacobian.reshape(-1, self.jacobian.shape[-1]).T @ residual.ravel()
         right = right - coupled.reshape(-1, coupled.shape[-1]).T @ steps.ravel() + pull
         return right, steps
+
+    def run_sides(self, residual: Array, deviations: Array) -> Array:
+        """The right sides of the runs' random effects (R, U), as in `right_sides`."""
+        return np.asarray((self._turned @ residual[..., None])[..., 0] - self.weight * deviations)
 
     def run_steps(self, steps: Array, move: Array) -> Array:
         """The runs' steps (R, U) when theta moves by `move` (P,)."""

@@ -601,8 +601,8 @@ def _airs(
                 value = float(known[0] if kind == "source" else known[-max(known.size // 20, 1) :].mean())
                 scatter = getattr(run.reference, of.reference_uncertainty)
         if value is None:
-            after, found = kind == "destination", run.hyt if of is HUMIDITY else (run.imet or run.hyt)
-            found = one.trace if of is quantity else found
+            after, other = kind == "destination", run.hyt if of is HUMIDITY else (run.imet or run.hyt)
+            found = one.trace if of is quantity else other
             value = _plateau(found, of.column, one.start_s, after, tempo) if found is not None else np.nan
             if of is quantity and np.isfinite(value):
                 if not after and _begun_before(one):  # by half of the step, in the time to half of it
