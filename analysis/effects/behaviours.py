@@ -32,6 +32,7 @@ from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import SLOWEST_S, Arrays, InFlight, Link, Parameter, Start, Values
 from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S, Conditions
 from shockrig.analysis.physics.chain import Chain, RoomAir
+from shockrig.analysis.physics.distinct import for_different
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 
 Array = NDArray[np.float64]
@@ -424,13 +425,13 @@ def _periodic(form: Form, chain: Chain, p: Arrays) -> Chain:
     before, after = driver_step(form, chain.channel)
     size = (p["size"] * (after - before) * scale_of(form, chain, p))[..., None]
     turn, phase = 2.0 * np.pi / p["period_s"][..., None], p["phase_rad"][..., None]
-    decay = p.get("time_constant_s")
+    decays = (p["time_constant_s"][..., None],) if "time_constant_s" in p else ()
 
-    def swing(reading: Array, time: Array) -> Array:
-        alive = (time > 0) if decay is None else relaxed(time, decay[..., None])
+    def swing(time: Array, size: Array, turn: Array, phase: Array, *decay: Array) -> Array:
+        alive = relaxed(time, *decay) if decay else time > 0
         return np.asarray(size * alive * np.sin(turn * np.maximum(time, 0.0) + phase))
 
-    return _readout(chain, swing)
+    return _readout(chain, lambda reading, time: for_different(swing, time, size, turn, phase, *decays))
 
 
 def _periodic_parameters(form: Form, unit: str) -> Parameters:

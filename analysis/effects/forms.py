@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from shockrig.analysis.estimate.effect import DIFFERS_BY, TINY_STRENGTH, Arrays
 from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S, Conditions, dew_margin_k
 from shockrig.analysis.physics.chain import Chain, Recorded
+from shockrig.analysis.physics.distinct import for_different
 
 Array = NDArray[np.float64]
 Factor = tuple[str, str]  # what a strength depends on, and how
@@ -219,6 +220,10 @@ def times_s(form: Form, p: Mapping[str, ArrayLike]) -> Array:
 
 def relaxed(time: Array, each_s: Array) -> Array:
     """Mean over time constants (B, R, J) [s] of exp(-t / time constant) after the transfer, 0 before it."""
+    return for_different(_relaxed, time, each_s)
+
+
+def _relaxed(time: Array, each_s: Array) -> Array:
     since = np.maximum(time, 0.0)
     each = [np.exp(-since / each_s[..., j, None]) for j in range(each_s.shape[-1])]
     return np.where(time > 0, sum(each) / len(each), 0.0)

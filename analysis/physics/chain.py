@@ -7,16 +7,17 @@ effect replaces fields of the chain. Leading axes are always (candidates B, runs
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.physics.air_exchange import Conditions, Stream, ventilation_ratio
 from shockrig.analysis.physics.bodies import Body
+from shockrig.analysis.physics.distinct import different, of_those
 
 Array = NDArray[np.float64]
 
@@ -195,12 +196,49 @@ def evaluate(chain: Chain, reading_of: Callable[[Chain], Array]) -> Array:
     """Readings of the chain, shape (B, R, n) [degC or %RH]; `reading_of` is `temperature_reading` or its like."""
     if chain.averaged > 1 and chain.channel.jumps_with_air and not chain.by_activity:
         return _running_mean(chain, reading_of)
-    reading, period = reading_of(chain), chain.channel.reading_period_s
+    reading, period = _for_different(chain, reading_of), chain.channel.reading_period_s
     for readout in chain.readouts:
         # Readouts of such a channel are linear in the reading: what they add to each reading is averaged by itself.
         each = [readout(reading, chain.time_s - j * period, chain.die_c) for j in range(chain.averaged)]
         reading = each[0] if len(each) == 1 else np.mean(each, axis=0)
     return reading
+
+
+# What of a chain its bodies see may differ from candidate to candidate; what its readouts do, they have to themselves.
+SEEN_BY_BODIES = (
+    *("time_s", "source_c", "destination_c", "source_percent", "destination_percent", "rate", "air_offset", "before"),
+    *("ramp_s", "rooms", "biot", "activity_slope", "lags", "series", "echoes", "loaded"),
+    *("vapour_late_s", "wet_until_s", "percent_per_k"),
+)
+
+
+def _for_different(chain: Chain, reading_of: Callable[[Chain], Array]) -> Array:
+    """What the body shows (B, R, n), evaluated once for all candidates that are as the first one is to it."""
+    seen = {name: getattr(chain, name) for name in SEEN_BY_BODIES}
+    count, pick, place = different(list(_arrays(seen.values())))
+    if pick.size == count:
+        return reading_of(chain)
+    return np.asarray(reading_of(replace(chain, **_of_those(seen, count, pick)))[place])
+
+
+def _arrays(values: Iterable[Any]) -> Iterator[Array]:
+    """All arrays in fields of a chain."""
+    for value in values:
+        if isinstance(value, np.ndarray):
+            yield value
+        elif isinstance(value, (tuple, RoomAir)):
+            yield from _arrays(value if isinstance(value, tuple) else vars(value).values())
+
+
+def _of_those(value: Any, count: int, pick: NDArray[np.int64]) -> Any:
+    """A chain's field for some of its candidates."""
+    if isinstance(value, tuple):
+        return tuple(_of_those(one, count, pick) for one in value)
+    if isinstance(value, RoomAir):
+        return RoomAir(**_of_those(vars(value), count, pick))
+    if isinstance(value, dict):
+        return {name: _of_those(one, count, pick) for name, one in value.items()}
+    return of_those([value], count, pick)[0] if isinstance(value, np.ndarray) else value
 
 
 def _running_mean(chain: Chain, reading_of: Callable[[Chain], Array]) -> Array:

@@ -5,7 +5,7 @@ A film takes up vapour and is read at some temperature, or takes up by the relat
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
 from typing import TYPE_CHECKING
@@ -17,6 +17,7 @@ from scipy.linalg import lapack
 from shockrig.analysis.physics import modes
 from shockrig.analysis.physics.air_exchange import REFERENCE_C
 from shockrig.analysis.physics.chain import Chain, MeasuredAir, RoomAir
+from shockrig.analysis.physics.distinct import different, for_different
 from shockrig.analysis.physics.driven import beside_lagging_reference, respond
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 
@@ -277,7 +278,7 @@ def _response(chain: Chain, rate: Array) -> modes.Modes:
     films = [x for x in (chain.biot, *(chain.loaded or ())) if x is not None]
     if not (lags or films or chain.series):
         return chain.body.held().scaled(rate)
-    count, pick, place = _different((rate, *films, *lags, *chain.series))
+    count, pick, place = different((rate, *films, *lags, *chain.series))
 
     def own(x: Array) -> Array:
         return x[pick] if x.shape[0] == count else x
@@ -333,12 +334,12 @@ def _concentration_dependent(chain: Chain, slope: Array, source_hpa: Array) -> t
     rate = chain.rate * at_destination
     ratio = np.maximum(at_source, 0.05) / at_destination
     if chain.ramp_s is None:
-        return rate, chain.time_s * time_warp(chain.time_s * rate[..., None], ratio[..., None]), None
+        return rate, chain.time_s * for_different(time_warp, chain.time_s * rate[..., None], ratio[..., None]), None
     # A ramp is a step at its middle; while it lasts the film takes up as fast as it does at first.
     early = time_warp(np.zeros(()), ratio[..., None])
     middle = 0.5 * chain.ramp_s[..., None]
     late = np.maximum(chain.time_s - middle, 0.0)
-    warp = time_warp(late * rate[..., None], ratio[..., None])
+    warp = for_different(time_warp, late * rate[..., None], ratio[..., None])
     return rate, np.minimum(chain.time_s, middle) * early + late * warp, chain.ramp_s * early[..., 0]
 
 
@@ -362,26 +363,11 @@ def _averaged(chain: Chain, form: Callable[..., Array]) -> Callable[..., Array]:
 
 def _shared(form: Callable[..., Array], response: modes.Modes, time: Array, *arguments: Array) -> Array:
     """A closed form for all candidates; those that differ only in what it is multiplied with share one evaluation."""
-    keys = (response.amplitude, response.rate, time, *arguments)
-    count, pick, place = _different(keys)
-    if count < 3:
-        return form(response, time, *arguments)
-    amplitude, rate, *rest = (key[pick] if key.ndim > 1 and key.shape[0] == count else key for key in keys)
-    return np.asarray(form(modes.Modes(amplitude, rate), *rest)[place])
 
+    def of(amplitude: Array, rate: Array, *rest: Array) -> Array:
+        return form(modes.Modes(amplitude, rate), *rest)
 
-def _different(keys: Sequence[Array]) -> tuple[int, NDArray[np.int64], NDArray[np.int64]]:
-    """How many candidates there are, which of them differ from the first in anything (with the first), and the place of
-    each among those."""
-    count = max(key.shape[0] if key.ndim > 1 else 1 for key in keys)
-    same = np.ones(count, dtype=bool)
-    for key in keys:
-        if key.ndim > 1 and key.shape[0] == count:
-            same &= (key == key[:1]).reshape(count, -1).all(axis=1)
-    own = np.flatnonzero(~same)
-    place = np.zeros(count, dtype=int)
-    place[own] = np.arange(1, own.size + 1)
-    return count, np.concatenate([[0], own]), place
+    return for_different(of, response.amplitude, response.rate, time, *arguments)
 
 
 def _saturation_at_reading(chain: Chain) -> Array:
