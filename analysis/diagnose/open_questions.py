@@ -51,6 +51,7 @@ def cannot_tell(channel: Channel) -> tuple[str, ...]:
     one_way = several and not driven and (np.all(step > 0) or np.all(step < 0))
     own_unknown = channel.name == "humidity" and not np.isfinite(channel.die_c).any() and not channel.isothermal.all()
     few, alone = 1 < channel.runs <= FEW_RUNS, several and not has_repeats(channel)
+    begun = sum(air is None and time[0] > 0.0 for (time, _), air in zip(channel.samples, channel.air, strict=True))
     lag_unknown = driven and not any(air is not None and air.lag_s > 0.0 for air in channel.air)
     said = {
         "One run: nothing can be tried on a run that was not fitted. What is named says how the response goes; what "
@@ -59,6 +60,10 @@ def cannot_tell(channel: Channel) -> tuple[str, ...]:
         "No condition was repeated: how much runs differ by chance is taken from what sensors usually do.": alone,
         "The start of the transfer was not recorded: it is estimated from the readings, so a delay, a slow transfer "
         f"and a lag before the {sensor} cannot be told apart. Log the trigger.": not c.start_known.all(),
+        f"In {begun} of {counted(channel.runs, 'run')} no readings at rest come before the response: the record begins "
+        f"within it, or the {sensor} drifted until a start that nobody logged. When it began, and from what, is "
+        "estimated with it: such a run tells little of how a response begins. Log the trigger, and some time at rest "
+        "before it.": begun > 0,
         "The airs were not recorded: plateaus are taken for them, so errors of the calibration cannot be seen, nor an "
         "air that still moves. Log a reference beside the probes.": not c.airs_known.all(),
         f"The airflow was not recorded: what an exchange with the air does to the {sensor} cannot be told from its own "

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from shockrig.analysis.diagnose.gain import as_judged, run_errors
+from shockrig.analysis.diagnose.open_questions import cannot_tell
 from shockrig.analysis.diagnose.prepare import prepare, with_rounding
 from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.effects import CATALOGUE
@@ -116,6 +117,19 @@ def test_a_run_that_shows_more_of_its_beginning_is_predicted_by_others_that_begi
     judged = as_judged(learnt, fit(learnt, structure, begin, iterations=60))
     (square,) = run_errors(fresh, problem_of(fresh), judged)
     assert np.sqrt(square) < 1.5 * NOISE_K
+
+
+def test_records_that_begin_within_their_response_are_said_to():
+    ends = [(40.0, 10.0), (12.0, 38.0), (35.0, 5.0)]
+    begins = [(lambda t, air=air: two_exponentials(*air)(np.maximum(t - 300.0, 0.0)), 1300.0) for air in ends[:2]]
+    late = (two_exponentials(*ends[2], 100.0), 1000.0)
+
+    def said(*curves):
+        return " ".join(cannot_tell(channel_of(curves)))
+
+    assert "begins within it" not in said(*begins)
+    assert "In 1 of 3 runs no readings at rest come before the response" in said(*begins, late)
+    assert "In 1 of 1 run no readings at rest come before the response" in said(late)
 
 
 def test_an_air_is_as_open_as_the_time_at_which_its_run_began():
