@@ -20,7 +20,7 @@ from shockrig.analysis.estimate.arrow import Arrow
 from shockrig.analysis.estimate.channel import Channel, as_single_samples
 from shockrig.analysis.estimate.effect import TINY_STRENGTH
 from shockrig.analysis.estimate.fit import Fit, fit, linearise, with_airs
-from shockrig.analysis.estimate.fit_starts import rough_point, scanned_starts
+from shockrig.analysis.estimate.fit_starts import begun_starts_s, rough_point, scanned_starts
 from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.predictive import as_stated, bumps, score
@@ -136,9 +136,10 @@ def _scanned_within(part: Problem, found: Fit, limit: Array) -> Array:
     """Random effects (R, U) at the unrecorded start within `limit` that leaves least of each run with airs within it
     as well; at rest where there is none."""
     known = part.channel.conditions.start_known
-    shares = np.zeros(1) if known.all() else np.linspace(-1.0, 1.0, STARTS_TRIED)
-    tried = np.tile(part.channel.at_rest(), (shares.size, 1, 1))
-    tried[..., RunEffect.START] = shares[:, None] * np.where(known, 0.0, limit[:, RunEffect.START])
+    starts_s = np.linspace(-1.0, 1.0, STARTS_TRIED)[:, None] * limit[:, RunEffect.START]
+    starts_s = np.concatenate([np.zeros((1, known.size)), starts_s, begun_starts_s(part.channel)])
+    tried = np.tile(part.channel.at_rest(), (len(starts_s), 1, 1))
+    tried[..., RunEffect.START] = np.where(known, 0.0, starts_s)
     tried, left = with_airs(part, found.model.on(part.channel), Point(found.theta, tried))
     left = np.where((np.abs(tried) <= limit).all(axis=-1) & np.isfinite(left), left, np.inf)
     best = np.argmin(left, axis=0), np.arange(len(limit))

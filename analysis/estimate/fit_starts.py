@@ -35,6 +35,8 @@ USUAL_SCATTER_S = 0.5  # of a start that was estimated
 LATE_S = np.arange(-0.8, 0.81, 0.04)  # starts that are tried beside it
 STUCK_MEAN_SQUARE = 1.7  # mean square of a run's whitened residuals from which its start is looked for anew
 NEXT_READINGS = np.setdiff1d(np.arange(-10, 11), 0) / 10.0  # sampling periods from a start to others that are tried
+WITHIN_PERIOD = NEXT_READINGS[NEXT_READINGS > 0.0]
+STARTS_AGO = 25  # before the first reading of a record that begins in its response
 LEAST_GAIN = 1.0  # drop of the deviance for which a start is moved
 START_GRID = np.linspace(-STARTS_WITHIN, STARTS_WITHIN, 25)  # in standard deviations of a start
 PLAINLY_WRONG = 3.0  # objective per bin from which a fit's deviations mean nothing
@@ -86,9 +88,24 @@ def open_starts(problem: Problem) -> NDArray[np.bool_]:
 
 
 def late_starts_s(problem: Problem) -> Array:
-    """How much later than estimated a start is tried [s]."""
+    """How much later than estimated starts that nobody recorded are tried (K, R) [s]."""
     conditions = problem.channel.conditions
-    return LATE_S * float(conditions.start_scatter_s[~conditions.start_known].max()) / USUAL_SCATTER_S
+    late_s = LATE_S * float(conditions.start_scatter_s[~conditions.start_known].max()) / USUAL_SCATTER_S
+    return np.concatenate([np.tile(late_s[:, None], conditions.start_known.size), begun_starts_s(problem.channel)])
+
+
+def begun_starts_s(channel: Channel) -> Array:
+    """Starts (K, R) [s] of runs whose record begins in the response, 0 for others; none (0, R) where no run does so.
+
+    How long before, nothing says: just before the first reading or just behind it, and ever longer ago. What is fast
+    in a response lets the beginning show only there, in a narrow valley that no even grid meets.
+    """
+    first_s = np.array([time[0] for time, _ in channel.samples])
+    if not (first_s > 0.0).any():
+        return np.zeros((0, first_s.size))
+    ago_s = np.geomspace(0.1, np.maximum(first_s / channel.sampling_period_s, 1.0), STARTS_AGO)
+    since = np.concatenate([-ago_s, np.tile(WITHIN_PERIOD[:, None], first_s.size)]) * channel.sampling_period_s
+    return np.where(first_s > 0.0, first_s + since, 0.0)
 
 
 def rough_point(problem: Problem, structure: Structure, choice: Mapping[str, float] | None = None) -> Point:
@@ -100,10 +117,10 @@ def rough_point(problem: Problem, structure: Structure, choice: Mapping[str, flo
         return Point(theta, deviations)
     late_s = late_starts_s(problem)
     for _ in range(2):
-        tried = np.tile(deviations, (late_s.size, 1, 1))
-        tried[:, ~channel.conditions.start_known, RunEffect.START] = late_s[:, None]
-        squares = _left(problem, model, np.tile(theta, (late_s.size, 1)), tried)
-        best = late_s[np.argmin(squares, axis=0)]
+        tried = np.tile(deviations, (len(late_s), 1, 1))
+        tried[..., RunEffect.START] = np.where(channel.conditions.start_known, 0.0, late_s)
+        squares = _left(problem, model, np.tile(theta, (len(late_s), 1)), tried)
+        best = late_s[np.argmin(squares, axis=0), np.arange(channel.runs)]
         deviations[:, RunEffect.START] = np.where(channel.conditions.start_known, 0.0, best)
         theta[model.rates] = fit(problem, structure, theta, deviations, iterations=10).log_rates
     return Point(theta, deviations)
@@ -113,8 +130,8 @@ def scanned_starts(problem: Problem, found: Fit) -> Array | None:
     """Deviations with starts moved to where runs fit better, looked for on a grid; None where none does.
 
     A film's response begins like sqrt(t): no gradient leads a start across a sample that lies at the very transfer. A
-    start that nobody recorded is looked for between the next readings, and in a run that misfits as far as it may be;
-    where the model is plainly wrong, the last alone.
+    start that nobody recorded is looked for between the next readings, in a record that begins in the response ever
+    longer before that, and in a run that misfits as far as it may be; where the model is plainly wrong, the last alone.
     """
     channel, known = problem.channel, problem.channel.conditions.start_known
     misfits = run_misfit(problem, found) > STUCK_MEAN_SQUARE
@@ -129,6 +146,8 @@ def scanned_starts(problem: Problem, found: Fit) -> Array | None:
     starts = [now[None]]
     if not known[index].all():
         starts.append(now + NEXT_READINGS[:, None] * np.where(known[index], 0.0, channel.sampling_period_s))
+        begun_s = begun_starts_s(channel)[:, index]
+        starts.append(np.where(known[index] | (begun_s == 0.0), now, begun_s))
     if misfits[index].any():
         starts.append(np.where(misfits[index], START_GRID[:, None] * part.scatter[:, RunEffect.START], now))
     starts_s = np.concatenate(starts)

@@ -8,7 +8,7 @@ import pytest
 from shockrig.analysis.diagnose.gain import as_judged, run_errors
 from shockrig.analysis.diagnose.open_questions import cannot_tell
 from shockrig.analysis.diagnose.prepare import prepare, with_rounding
-from shockrig.analysis.diagnose.refitting import plain_fit
+from shockrig.analysis.diagnose.refitting import plain_fit, refit
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import AIRS, fit, objective_at, with_airs
@@ -117,6 +117,27 @@ def test_a_run_that_shows_more_of_its_beginning_is_predicted_by_others_that_begi
     judged = as_judged(learnt, fit(learnt, structure, begin, iterations=60))
     (square,) = run_errors(fresh, problem_of(fresh), judged)
     assert np.sqrt(square) < 1.5 * NOISE_K
+
+
+@pytest.mark.parametrize("begun_s", [0.2, 0.9, 2.0])
+def test_a_fast_part_that_only_the_first_readings_show_is_placed_there(begun_s):
+    """Before: starts were tried on an even grid over half of a response, which met no valley as narrow as this one."""
+
+    def jump_and_creep(step, after_s):
+        return lambda t: (
+            step * (0.06 * -np.expm1(-(t + after_s) / 0.4) + 0.94 * -np.expm1(-np.maximum(t + after_s, 0.0) / 70.0))
+        )
+
+    learnt, fresh = (
+        problem_of(channel_of([(jump_and_creep(x, begun_s), 60.0) for x in steps], 0.5, seed=seed))
+        for seed, steps in enumerate([(60.0, 45.0, 50.0), (40.0, 55.0)])
+    )
+    structure = Structure((CATALOGUE["parallel_lag"],))
+    begin = Model(learnt.channel, structure).start(
+        np.array([-np.log(60.0)]), {"parallel_lag.fraction": 0.05, "parallel_lag.time_constant_s": 1.0}
+    )
+    judged = as_judged(learnt, refit(learnt, structure, fit(learnt, structure, begin)))
+    assert np.sqrt(run_errors(fresh.channel, fresh, judged)).max() < 1.5 * NOISE_K
 
 
 def test_records_that_begin_within_their_response_are_said_to():
