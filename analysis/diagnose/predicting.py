@@ -29,7 +29,8 @@ AS_GOOD = 1.0
 def predicting_model(ready: Prepared, found: Search, stands: Predicting, shown: tuple[Discovered, ...]) -> Predicting:
     """The model that predicts best: of the heaviest, of those that leave least of their runs for what they take, of
     what one would fit without a catalogue, and the stated and the plain one, each fitted as it is judged, the one that
-    then leaves least; the stated one as it stands where runs tell no more of any.
+    then leaves least, and of those that leave as little the likeliest; the stated one as it stands where runs tell no
+    more of any.
 
     A name has to be sure, a prediction only good: models whose effects say nothing may predict as well. And no name
     asks what a run would do that nobody has seen: it has none of the rates that runs have of their own. At those,
@@ -48,7 +49,9 @@ def predicting_model(ready: Prepared, found: Search, stands: Predicting, shown: 
     before, least = float(run_errors(channel, problem, found.best.fit).mean()), min(left, default=np.inf)
     if not _loss(channel, before) - _loss(channel, least) > AS_GOOD:
         return stands
-    model, judged = tried[left.index(least)]
+    as_good = [i for i, square in enumerate(left) if _loss(channel, square) - _loss(channel, least) <= AS_GOOD]
+    chosen = max(as_good, key=lambda i: tried[i][0].value)
+    model, judged = tried[chosen]
     fit = carried(problem, model.fit, judged)
     bump = bumps(problem)
     sure = no_surer(problem, fit, bump, score(problem, fit, bump).discrepancy, than_runs=True)
@@ -58,7 +61,7 @@ def predicting_model(ready: Prepared, found: Search, stands: Predicting, shown: 
         final,
         causes_in(ready, stated_so, final),
         (*forms_in(problem, stated_so, final), *shown),
-        (float(np.sqrt(before)), float(np.sqrt(least))),
+        (float(np.sqrt(before)), float(np.sqrt(left[chosen]))),
     )
 
 

@@ -68,6 +68,14 @@ def test_what_leaves_less_predicts_though_the_verdict_is_that_nothing_is_left(ch
     assert found.verdict == "adequate" and own < 0.5 * stated and found.predicting.model.ids
 
 
+def test_of_models_that_leave_as_little_the_likeliest_predicts(channels, monkeypatch):
+    """Before: that which left least, by whatever little, and so mostly the one that took most to do it."""
+    monkeypatch.setitem(THRESHOLDS, "named", DiagnosisThreshold(1.1, "no effect is ever as probable"))
+    found = diagnose_channel(channels[0], describing=False)
+    heavy = [one.ids for one, _ in found.search.predictors[:4]]
+    assert len(heavy) == 4 and found.predicting.model.ids == heavy[0]
+
+
 def test_what_rates_depend_on_predicts_though_runs_with_rates_of_their_own_hide_it(tmp_path, monkeypatch):
     """Where each run may be as fast as it is, a film that the airflow wears leaves no less than none."""
     campaign = record_small(tmp_path / "campaign", 3, [Hidden("convective_film", {"biot_at_5_m_s": 0.03})])
