@@ -30,7 +30,7 @@ from shockrig.analysis.flight.correct import correct
 from shockrig.files.flight import Flight
 
 SMOOTHER = (
-    "flight_channel.VAGUE_TIMES", "flight_channel.MOST_NOISES_OFF", "flight_channel.ROWS_TOGETHER",
+    "humidity_channel.VAGUE_TIMES", "flight_channel.MOST_NOISES_OFF", "flight_channel.ROWS_TOGETHER",
     "comparisons.LEAST_EXPLAINED",
     "comparisons.LEAST_OF_ITS_SIZE", "comparisons.MOST_OF_ITS_SIZE", "comparisons.NOT_AS_STATED",
     "comparisons.MOST_TIMES", "comparisons.COVERED_S", "comparisons.DRIFT_S", "air_prior.BINS_PER_OCTAVE",

@@ -30,7 +30,6 @@ LONGEST_FILL_S = 5.0  # farther from a usable sample no value is given
 LONGEST_REPEAT_S = 30.0  # or so far, where the sensor is read and its reading is repeated
 IDLE_LAG_SIGMAS = 0.3  # a lag smaller than this share of the noise is not worth undoing
 LEAST_SAMPLES = 16
-VAGUE_TIMES = 5.0  # times the usual, that the air's temperature leaves open of a reading's vapour
 MOST_NOISES_OFF, ROWS_TOGETHER = 6.0, 5  # times the noise, that the median of so many readings may be off
 
 
@@ -337,10 +336,8 @@ def _contradicted(readings: FlightReadings, found: Estimate, noise: Array, trust
     # a late reading is of the sensor as it was
     shown = np.interp(readings.time_s - readings.delay_s, readings.time_s, found.clean)
     off = (readings.reading - shown)[trusted] / np.sqrt(open_to[trusted])
-    alone = ~readings.usable
-    if readings.passing is not None:
-        alone |= readings.passing.sigma > VAGUE_TIMES * np.median(readings.passing.sigma)
-    off = np.where(alone[trusted], off, median_filter(off, ROWS_TOGETHER, mode="nearest"))
+    together = median_filter(off, ROWS_TOGETHER, mode="nearest")
+    off = np.where(readings.usable[trusted], together, off)
     contradicted = trusted.copy()
     contradicted[trusted] = np.abs(off) > MOST_NOISES_OFF
     return contradicted

@@ -18,7 +18,6 @@ from shockrig.analysis.flight.comparisons import Told
 from shockrig.analysis.flight.doubts import airspeed_doubt
 from shockrig.analysis.flight.flight_channel import (
     REMEMBERED_LAGS,
-    VAGUE_TIMES,
     FlightChannel,
     FlightReadings,
     bridged,
@@ -230,6 +229,7 @@ MOST_COUPLING = 5.0  # vapour and temperature are not told to go together more s
 LEAST_SHARE = 0.2  # of the uncertainty that stays, however vapour and temperature go together
 SATURATED_PERCENT = 100.0
 SELDOM_FACTOR = 5.0  # times the usual between two readings of temperature
+VAGUE_TIMES = 5.0  # times the usual, that the air's temperature leaves open of a reading's vapour
 VAGUE_NOISES = 10.0  # and so many times its noise
 SMOOTHED_S = 1.0
 
@@ -354,7 +354,7 @@ def _through_vapour(
     outside = ~film.part.covers(film.air_c) | beyond_discovered(film.part.discovered, stream.airflow_m_s, film.air_c)
     channel = judged(readings, found, plain, screened, outside, raw, from_vapour, notes, SATURATED_PERCENT)
     memory_s = REMEMBERED_LAGS * response.slowest_s
-    broken = _unseen_breaks(time_s, found, film.air_c, sigma, bead, memory_s) if alike else np.zeros(raw.shape)
+    broken = _unseen_breaks(time_s, found, film.air_c, doubt.unsure, bead, memory_s) if alike else np.zeros(raw.shape)
     left_open = doubt.left_open * from_vapour
     channel = held(channel, readings, raw, from_vapour, notes, (0.0, SATURATED_PERCENT), left_open, broken)
     channel = _as_read(channel, raw, doubt.unread & (screened.usable | screened.repeated) & ~channel.raw, notes)
@@ -475,6 +475,11 @@ class TemperatureDoubt:
         self.vague = nothing if vague is None else vague
         self.left_open = np.zeros(shape) if left_open is None else left_open
 
+    @property
+    def unsure(self) -> Mask:
+        """Rows (n,) whose temperature is vague, for a while or for long."""
+        return self.vague | (self.left_open > 0.0)
+
     def usable(self, usable: Mask) -> Mask:
         """Of the rows (n,) that are usable those of which the vapour is known, where these are the most."""
         known = usable & ~self.vague
@@ -502,10 +507,11 @@ def _of_temperature(readings: FlightReadings, air: Array, error: Array, bead: Fl
 
 
 def _unseen_breaks(
-    time_s: Array, found: Estimate, air: Array, sigma: Array, bead: FlightChannel, memory_s: float
+    time_s: Array, found: Estimate, air: Array, unsure: Mask, bead: FlightChannel, memory_s: float
 ) -> Array:
     """1 or -1 in the rows (n,) at which the vapour jumps or bends up or down and the temperature of the `air`, which
-    the same eddies carry, does no more than it mostly does: the film may have done that by itself.
+    the same eddies carry, does no more than it mostly does: the film may have done that by itself. Nobody can tell
+    where the temperature is `unsure` (n,).
 
     What comes on and goes off again, while the film remembers it (`memory_s`), is one cause: as sure as both together,
     if the other is no chance among so many rows.
@@ -518,7 +524,7 @@ def _unseen_breaks(
     told = (rows >= around) & (rows < time_s.size - around) & (np.abs(sigmas) > by_chance)
     rows, sigmas = rows[told], sigmas[told]
     # where the thermometer is not sure, or saw the air jump, the film is no other cause
-    told = (maximum_filter1d(sigma, 2 * around + 1) <= VAGUE_TIMES * np.median(sigma))[rows]
+    told = ~maximum_filter1d(unsure, 2 * around + 1)[rows]
     rows, sigmas = rows[told], sigmas[told]
     if not rows.size or not bead.screened.usable.any():
         return broken
