@@ -37,7 +37,7 @@ SMOOTHER = (
     "air_prior.SMOOTH_SHARE",
     "columns.CHANGE", "columns.NOTHING", "columns.CUT", "columns.ALL_NOTHING", "columns.ALL_WARM", "columns.ALL_ODD",
     "columns.WARM_C", "columns.SURE", "columns.LEVEL_ROWS", "columns.CHAINS",
-    "smooth_channel.TO_AND_FRO", "smooth_channel.LEAST_CALM",
+    "smooth_channel.LEAST_CALM",
     "smooth_channel.PLACES_IN_GAP", "smooth_channel.COMPARABLE_SHARE", "smooth_channel.MOST_SURPRISE",
     "stretches.LEAST_TURNED",
     "stretches.FELT_SHARE", "sweep.GAP_NODES", "screen.FELT_SIGMAS", "screen.ON_THE_WAY", "screen.STOOD_SHARE",

@@ -470,7 +470,6 @@ JUMPED_FACTOR = 12.0  # times what readings usually differ by: a jump, where tho
 BESIDE_SHARE = 0.25  # of it
 ALONG_ROWS = 31  # that a trend is taken over
 LEAST_CALM = 0.5  # of the readings, or bursts are what this flight has
-TO_AND_FRO = 1.5  # steps: what third differences of such readings show is at most 1.33
 FEWEST_READINGS = 8  # that anything is concluded from
 SPARSE_SHARE = 0.97  # share of nodes with a sample, below which the bridges are left out of the judgement
 
@@ -688,9 +687,6 @@ def _strengths(
         # what passes says how much less than usual a reading tells only beside the reading's own noise
         unsure = np.hypot(track.passing.sigma, np.sqrt(noise_variance[on.row]))
         ordinary = unsure <= ODD_FACTOR * np.median(unsure)
-    if loud is not None and rounding is not None:
-        # readings that go to and fro between two steps are as loud as that, and no burst
-        loud = loud & (noise_variance - rounding**2 / 12.0 > (TO_AND_FRO * rounding) ** 2)
     if loud is not None and np.count_nonzero(usable & ~loud) > LEAST_CALM * np.count_nonzero(usable):
         calm, ordinary = calm & ~loud[on.row], ordinary & ~(on.measured & loud[on.row])
     noise = np.interp(track.time_s, track.time_s[calm], np.sqrt(noise_variance[on.row][calm]))

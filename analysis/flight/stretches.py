@@ -160,22 +160,18 @@ def judge(
     found.stuck[rows] = held = stuck_rows(values, resolution, noise, third)
     if share > MOST_SHARE and felt is None:
         return found
-    usual = max(noise, resolution / np.sqrt(12.0))
+    usual, step = max(noise, resolution / np.sqrt(12.0)), resolution if resolution > COARSE_IN_NOISE * noise else 0.0
     if felt is None or share <= MOST_SHARE:
         felt, usual = None, max(float(np.median(third[~held])) if (~held).any() else 0.0, usual)
-    found.louder[rows] = np.where(held, 1.0, _burst(reading, rows, usual, felt) / noise)
+    found.louder[rows] = np.where(held, 1.0, _burst(reading, rows, usual, step, felt) / noise)
     if spikes is not None and spikes.any():
         # without its loudest readings what is left of a burst is more quiet than it was; of a few absurd ones nothing
         every = np.flatnonzero(spikes | (believed & ~found.from_elsewhere & ~found.stuck))
-        also = _burst(reading, every, usual, felt)
+        also = _burst(reading, every, usual, step, felt)
         rest = np.maximum(*(scatter(values, window) for window in BURST_FACTORS))
         also[np.interp(every, rows, rest) < LEFT_SHARE * also] = 0.0
         found.louder[every] = np.maximum(found.louder[every], also / noise)
     np.maximum(found.louder, 1.0, out=found.louder)
-    if resolution > COARSE_IN_NOISE * noise:
-        # air at the edge of a code makes readings go to and fro between two: that is no noise
-        ends = (of_window(values, WINDOW_ROWS, mode="nearest") for of_window in (maximum_filter1d, minimum_filter1d))
-        found.louder[rows[np.subtract(*ends) < 1.5 * resolution]] = 1.0
     if share <= MOST_SHARE:
         # of a sensor in a burst, or one that was stuck, a jump is no change
         odd = maximum_filter1d((found.louder[rows] > 1.0) | held | found.stood[rows], 3)
@@ -216,11 +212,11 @@ def _of_this_sensor(
             return rows, lone
 
 
-def _burst(reading: Array, rows: NDArray[np.int64], usual: float, felt: Felt | None) -> Array:
+def _burst(reading: Array, rows: NDArray[np.int64], usual: float, step: float, felt: Felt | None) -> Array:
     """Noise (m,) of readings (n,) at some `rows` (m,) in bursts far above the `usual`, of which nothing was `felt`; 0
-    elsewhere."""
+    elsewhere. They may go to and fro by one `step` of the log anyhow."""
     if felt is None:
-        return _louder(reading[rows], usual)
+        return _louder(reading[rows], usual, step)
     read = np.isfinite(felt.reading[rows])
     beside = np.flatnonzero(read)
     if beside.size < 2 * WINDOW_ROWS:
@@ -237,10 +233,10 @@ def _burst(reading: Array, rows: NDArray[np.int64], usual: float, felt: Felt | N
         told = alive[nearest] & (uniform_filter1d(1.0 * read, window) > 0.5)
         return np.where(told, most[nearest] / FELT_SHARE, np.inf)
 
-    return _louder(reading[rows], usual, least)
+    return _louder(reading[rows], usual, step, least)
 
 
-def _louder(values: Array, usual: float, least: Callable[[int], Array] | None = None) -> Array:
+def _louder(values: Array, usual: float, step: float, least: Callable[[int], Array] | None = None) -> Array:
     """Noise (n,) of readings in bursts, far above the `usual` and above the `least` of a window; 0
     elsewhere."""
     louder = np.zeros(values.size)
@@ -257,6 +253,8 @@ def _louder(values: Array, usual: float, least: Callable[[int], Array] | None = 
         out, back = np.diff(values)[:-1], np.diff(values)[1:]
         turned = np.pad(np.where(out * back < 0.0, np.minimum(np.abs(out), np.abs(back)), 0.0), 1, mode="edge")
         loud &= uniform_filter1d(turned, window) > LEAST_TURNED * third
+        # so does air at the edge of a code, but by one step at a time
+        loud &= maximum_filter1d(turned, window) > 1.001 * step
         # a window's median sees a burst from its middle to its middle; its rows at either end are as loud
         loud, wider = maximum_filter1d(loud, 5), maximum_filter1d(third, 5)
         louder = np.maximum(louder, np.where(loud, wider, 0.0))
