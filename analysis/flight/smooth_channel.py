@@ -116,14 +116,15 @@ def with_jumps(
     known_s: Array,
     loud: NDArray[np.bool_],
     stepped: NDArray[np.bool_],
+    jumps: Jumps | None = None,
 ) -> tuple[Sweep, Prior, Jumps, Array]:
-    """Sweep, strengths (fitted anew by `refit` to the readings without the jumps), the jumps, and the steps (n,) of the
-    sensor itself, without which the readings are swept.
+    """Sweep, strengths (fitted anew by `refit` to the readings without the jumps), the jumps beside those that are
+    known by now, and the steps (n,) of the sensor itself, without which the readings are swept.
 
     `known_s` (j, 2) are times between which another sensor saw the air jump: there, if anywhere near. `loud` (n,) are
     readings in bursts of noise, and at nodes about those that `stepped` (n,) no step of the sensor is looked for.
     """
-    jumps, own = none(values.size), np.zeros(values.size)
+    jumps, own = none(values.size) if jumps is None else jumps, np.zeros(values.size)
     found = swept(track, values, variance, local, jumps)
     typical = local.each(lambda strength: np.full(values.size, np.median(strength)))
     guess = lags_behind(values, track.along, track.period_s, track.broken)
@@ -556,7 +557,9 @@ def estimate(
         brief = _brief(track.time_s, on.measured, BRIEF_LAGS * response.slowest_s)
         found, local = _of_samples(on, variance, brief, noise_factor, jumps, found, local, strengths)
     else:
-        found, local, stays = _of_stairs(on, variance, noise_variance, rounding, jumps, local, strengths)
+        found, local, stays, more = _of_stairs(on, variance, noise_variance, rounding, jumps, local, strengths, known_s)
+        if more is not None:
+            jumps, broken = more[0], breaks(track, *more)
     every = found.air, found.variance + stays, found.clean, stays
     air, node_variance, clean, staying = (np.interp(time_s, track.time_s, v) for v in every)
     typical = local.each(lambda strength: np.median(strength, keepdims=True))
@@ -661,15 +664,32 @@ def _of_stairs(
     jumps: Jumps,
     local: Prior,
     strengths: StrengthsOfFlight,
-) -> tuple[Sweep, Prior, Array]:
-    """The sweep of readings in steps of `rounding` (rows,), its strengths, and the variance (n,) that what stays leaves
-    besides."""
+    known_s: Array,
+) -> tuple[Sweep, Prior, Array, tuple[Jumps, Sweep] | None]:
+    """The sweep of readings in steps of `rounding` (rows,), its strengths, the variance (n,) that what stays leaves
+    besides, and the jumps with those that these strengths alone show, with the sweep that has their scores, if any."""
     steps = rounding[on.row]
     own = np.sqrt(np.maximum(noise_variance[on.row] - steps**2 / 12.0, 0.0))
-    found, local = _within_steps(on.track, on.bridged, variance, steps, own, jumps, local, strengths)
+    given = on.track, on.bridged, variance, steps, own
+    found, local, sites = _within_steps(*given, jumps, local, strengths)
+    # stairs pass for turbulence that is as strong as a jump, so these are looked for once more
+    everywhere = np.ones(variance.shape, dtype=bool)
+    scored, _, more, _ = with_jumps(
+        on.track, *sites, local, lambda _: local, known_s, strengths.loud, everywhere, jumps
+    )
+    new = None
+    if added := np.count_nonzero(np.diff((more.variance != jumps.variance).any(axis=1).astype(int)) > 0):
+        with_more, of_more, sites_of_more = _within_steps(*given, more, local, strengths)
+        before, behind = (
+            float(log_likelihood(one, *of_one, on.bridged, steps, own).sum())
+            for one, of_one in ((found, sites), (with_more, sites_of_more))
+        )
+        # before the flight is looked at each is as likely in every row, and about one in a flight
+        if behind - before > added * np.log(own.size):
+            found, local, new = with_more, of_more, (more, scored)
     level = np.where(on.measured, np.round(on.bridged / steps), np.nan)
     least = within_a_step(on.track.time_s, level, steps, own, STILL_LAGS * on.slowest_s)
-    return found, local, np.maximum(least - found.variance, 0.0)
+    return found, local, np.maximum(least - found.variance, 0.0), new
 
 
 def _strengths(
@@ -781,8 +801,9 @@ def _within_steps(
     jumps: Jumps,
     local: Prior,
     strengths: StrengthsOfFlight,
-) -> tuple[Sweep, Prior]:
-    """The sweep for readings that were rounded by `steps` (n,) beside `noise` (n,), and its strengths.
+) -> tuple[Sweep, Prior, Sites]:
+    """The sweep for readings that were rounded by `steps` (n,) beside `noise` (n,), its strengths, and the Gaussians
+    that stand for the readings in it.
 
     Rounded readings of slow air are stairs, whose power passes for turbulence: strengths are judged again by what a
     logger with fine steps would have read. That is drawn smoother than the sensor went between two steps, so it tells
@@ -822,7 +843,8 @@ def _within_steps(
 
     typical, of_segments = likeliest(told, sites, 2 if track.passing is None else 3)
     local = scaled(of_segments)
-    return fine(with_rate(typical), local, sites)[0], local
+    found, sites = fine(with_rate(typical), local, sites)
+    return found, local, sites
 
 
 def _lone_readings(track: Track, values: Array, variance: Array, found: Sweep, jumps: Jumps) -> NDArray[np.bool_]:
