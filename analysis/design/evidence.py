@@ -28,7 +28,8 @@ from shockrig.analysis.design.shock import PlannedShock
 from shockrig.analysis.effects import in_channel
 from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.effects.forms import form_of
-from shockrig.analysis.estimate.fit import Fit, apart, fit, linearise
+from shockrig.analysis.estimate.arrow import Arrow
+from shockrig.analysis.estimate.fit import Fit, fit, linearise
 from shockrig.analysis.estimate.fit_starts import rough_point
 from shockrig.analysis.estimate.model import Model, Point, Structure
 from shockrig.analysis.estimate.noise import Noise
@@ -172,23 +173,40 @@ def expected(
     degrees, so_far = dispute.degrees(channel.rates), dispute.so_far
     old = np.isin(channel.run_ids, dispute.runs)
     found, each_further = np.zeros((2, len(fits), len(fits), len(shocks)))
+    new = imagined(problem, noise, shocks, channel.ambients_c)
+    shown = [_shown(new, one.structure, one.theta) for one in fits]
     for i, true in enumerate(fits):
-        new = imagined(true.on_its_scatters(problem), noise, shocks, channel.ambients_c)
-        truth, own = linearise(new, true.structure, Point(true.theta, new.channel.at_rest()))
-        known = true.arrow.normal
-        paid = [2.0 * nats(known, known + one.told, range(true.theta.size)) for one in own.each_run()]
+        weight = 1.0 / new.with_rate_scatter(true.rate_scatter).scatter ** 2
+        known, own = true.arrow.normal, replace(shown[i][1], weight=weight)
+        paid = [2.0 * nats(known, known + told, range(true.theta.size)) for told in own.told_by_each()]
         for j, rival in ((j, one) for j, one in enumerate(fits) if j != i):
-            told = rival.arrow.of_runs(old).told
-            twice, each = apart(
-                new, truth, rival.structure, rival.theta, rival.arrow.told - (1.0 - OLD_RUNS_POWER) * told
-            )
-            twice -= paid
-            once = [_allowed(one.told, told, rival.theta.size) for one in each] if old.all() else np.zeros(len(each))
+            told, there = rival.arrow.of_runs(old).told, replace(shown[j][1], weight=weight)
+            difference = new.whiten(shown[i][0] - shown[j][0])
+            twice = _apart(difference, there, rival.arrow.told - (1.0 - OLD_RUNS_POWER) * told) - paid
+            once = _allowed(there.told_by_each(), told) if old.all() else np.zeros(len(shocks))
             before = _not_student(so_far[j], degrees)
             for out, adds in ((found, twice + once), (each_further, twice)):
                 out[i, j] = [student(before + 0.5 * float(x), degrees) - so_far[j] for x in adds]
     known_there = rates_known(channel, shocks)
     return found * known_there, each_further * known_there
+
+
+def _shown(new: Problem, structure: Structure, theta: Array) -> tuple[Array, Arrow]:
+    """What a model shows of imagined runs (M, n), and the normal equations there."""
+    return linearise(new, structure, Point(theta, new.channel.at_rest()))
+
+
+def _apart(difference: Array, there: Arrow, known: Array) -> Array:
+    """How far (M,) imagined runs are from a rival's, squared, in standard deviations: from whitened differences (M, n)
+    and the rival's normal equations of these runs.
+
+    Less what a run's random effects could hide, and the rival's parameters as far as their priors and a precision
+    `known` (P, P) leave them open.
+    """
+    left, right = there.beyond_runs(difference)
+    told = known + np.diag(there.prior_weight) + there.told_by_each()
+    move = np.linalg.pinv(told, rcond=len(known) * np.finfo(float).eps, hermitian=True) @ right[..., None]
+    return np.maximum(left - (right * move[..., 0]).sum(axis=1), 0.0)
 
 
 def of_second_probe(
@@ -203,13 +221,17 @@ def of_second_probe(
     channel, degrees = problem.channel, dispute.degrees(problem.channel.rates)
     common = frozenset.intersection(*(frozenset(one.structure.ids) for one in fits))
     found = np.zeros((len(fits), len(fits), len(shocks)))
+    new = imagined(problem, noise, shocks, channel.ambients_c)
+    shown, known = [], []
+    for one in fits:
+        structure, places, told = _as_of_second(one, common)
+        shown.append(_shown(new, structure, one.theta[places]))
+        known.append(told)
     for i, true in enumerate(fits):
-        new = imagined(true.on_its_scatters(problem), noise, shocks, channel.ambients_c)
-        structure, places, _ = _as_of_second(true, common)
-        truth, _ = linearise(new, structure, Point(true.theta[places], new.channel.at_rest()))
-        for j, rival in ((j, one) for j, one in enumerate(fits) if j != i):
-            structure, places, known = _as_of_second(rival, common)
-            twice, _ = apart(new, truth, structure, rival.theta[places], known)
+        weight = 1.0 / new.with_rate_scatter(true.rate_scatter).scatter ** 2
+        for j in (j for j in range(len(fits)) if j != i):
+            there = replace(shown[j][1], weight=weight)
+            twice = _apart(new.whiten(shown[i][0] - shown[j][0]), there, known[j])
             found[i, j] = [student(0.5 * float(x), degrees) for x in twice]
     return np.asarray(found.max(axis=1) * rates_known(channel, shocks))
 
@@ -247,13 +269,14 @@ def averaged(told: Array, dispute: Dispute) -> Array:
     return np.asarray(likely @ told / likely.sum())
 
 
-def _allowed(added: Array, old: Array, free: int) -> float:
-    """What a rival of so many parameters may gain by the old runs, less what the bound takes off for it."""
-    scale = np.sqrt(np.maximum(np.diag(old), 1e-12))
+def _allowed(added: Array, old: Array) -> Array:
+    """What a rival may gain (M,) by the old runs (P, P), less what the bound takes off for it, where runs add
+    (M, P, P)."""
+    free, scale = len(old), np.sqrt(np.maximum(np.diag(old), 1e-12))
     new, then = added / np.outer(scale, scale), old / np.outer(scale, scale)
     inverse = np.linalg.pinv(new + OLD_RUNS_POWER * then, rcond=1e-11, hermitian=True)
-    fitted = float(np.trace(inverse @ (new + OLD_RUNS_POWER**2 * then)))
-    return OLD_RUNS_POWER * free - fitted + free * float(np.log1p(-OLD_RUNS_POWER))
+    fitted = np.trace(inverse @ (new + OLD_RUNS_POWER**2 * then), axis1=1, axis2=2)
+    return np.asarray(OLD_RUNS_POWER * free - fitted + free * np.log1p(-OLD_RUNS_POWER))
 
 
 def _not_student(said: float, degrees: int) -> float:

@@ -211,7 +211,7 @@ def information(
         theta[new] = rates_at(channel.ambients_c, found.theta[rates], ambients[new])
     imaginary = imagined(found.on_its_scatters(problem), noise, shocks, ambients)
     _, arrow = linearise(imaginary, found.structure, Point(theta, imaginary.channel.at_rest()))
-    added = np.stack([one.told for one in arrow.each_run()])
+    added = arrow.told_by_each()
     spread = np.diag(found.covariance)[rates] - np.diag(found.arrow.covariance())[rates]
     floor = np.concatenate([np.maximum(spread, 0.0), np.full(more, float(np.median(np.maximum(spread, 0.0))))])
     return Information(ambients, known, added, floor)

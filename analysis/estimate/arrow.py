@@ -80,6 +80,11 @@ class Arrow:
         """The equations of each run alone."""
         return [self.of_runs(slice(i, i + 1)) for i in range(self.weight.shape[0])]
 
+    def told_by_each(self) -> Array:
+        """What each run alone tells (R, P, P), as `told`."""
+        coupled, solved = self._coupled
+        return np.asarray(np.swapaxes(self.jacobian, 1, 2) @ self.jacobian - np.swapaxes(coupled, 1, 2) @ solved)
+
     def right_sides(self, residual: Array, deviations: Array, pull: Array) -> tuple[Array, Array]:
         """Right side of theta (P,), and the runs' steps at an unmoved theta (R, U).
 
@@ -144,11 +149,17 @@ class Arrow:
         own = self.jacobian - self.run_jacobian @ solved
         return from_runs, covariance @ own.reshape(-1, own.shape[-1]).T
 
-    def hidden(self, difference: Array) -> float:
-        """Squared length of whitened values (R, n) that the runs' random effects cannot take up."""
+    def beyond_runs(self, difference: Array) -> tuple[Array, Array]:
+        """Squared length (R,) of what of each run's whitened values (R, n) its random effects cannot take up, and what
+        that says of theta: right sides (R, P)."""
         own = (self._turned @ difference[..., None])[..., 0]
         taken = np.linalg.solve(self.blocks, own[..., None])[..., 0]
-        return float((difference**2).sum() - (own * taken).sum())
+        right = (difference[:, None] @ self.jacobian)[:, 0] - (taken[:, None] @ self._coupled[0])[:, 0]
+        return (difference**2).sum(axis=1) - (own * taken).sum(axis=1), right
+
+    def hidden(self, difference: Array) -> float:
+        """Squared length of whitened values (R, n) that the runs' random effects cannot take up."""
+        return float(self.beyond_runs(difference)[0].sum())
 
     def scores(
         self, columns: Array, residual: Array, deviations: Array, pull: Array | None = None

@@ -279,24 +279,6 @@ def linearise(problem: Problem, structure: Structure, point: Point) -> tuple[Arr
     return at.prediction, at.arrow(problem, model)
 
 
-def apart(new: Problem, truth: Array, structure: Structure, theta: Array, known: Array) -> tuple[Array, list[Arrow]]:
-    """How far (M,) readings `truth` of imagined runs are from a rival's, and the normal equations of each run alone.
-
-    Squared, in standard deviations; less what the run's random effects could hide, and the rival's parameters `theta`
-    as far as their priors and a precision `known` (P, P) leave them open.
-    """
-    at_rest, nothing = new.channel.at_rest(), np.zeros(theta.size)
-    there, arrow = linearise(new, structure, Point(theta, at_rest))
-    difference, each = new.whiten(truth - there), arrow.each_run()
-    found = np.zeros(len(each))
-    for i, one in enumerate(each):
-        own = difference[i : i + 1]
-        right, _ = one.right_sides(own, at_rest[i : i + 1], nothing)
-        absorbed = float(right @ np.linalg.lstsq(known + one.normal, right, rcond=None)[0])
-        found[i] = max(one.hidden(own) - absorbed, 0.0)
-    return found, each
-
-
 def fit(
     problem: Problem,
     structure: Structure,
