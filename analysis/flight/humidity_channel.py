@@ -41,7 +41,7 @@ from shockrig.analysis.flight.smooth_channel import (
     Estimate,
     typical_period,
 )
-from shockrig.analysis.flight.stretches import MOST_SHARE, Felt, fastest, largest_share
+from shockrig.analysis.flight.stretches import MOST_SHARE, Felt, fastest, largest_share, scatter, stuck_rows
 from shockrig.analysis.flight.sweep import as_lagged, forgotten
 from shockrig.analysis.flight.swings import swings
 from shockrig.analysis.flight.undo_readout import (
@@ -609,8 +609,14 @@ def felt_by_film(flight: Flight, part: HumidityProfile | None) -> Felt | None:
     possible = RANGES["temperature_c"]
     usual = float(np.clip(np.median(air), possible.low, possible.high))
     per_k = float(saturation_slope(np.array(usual)))
+    noise, resolution = _noise(part, effects, None), resolution_of(wet[np.isfinite(wet)])
+    # a film that is stuck feels nothing, and a jump where it goes on is none of the air's
+    read = np.flatnonzero(np.isfinite(wet))
+    wet[read[stuck_rows(wet[read], resolution, noise, scatter(wet[read]))]] = np.nan
+    if not np.isfinite(wet).any():
+        return None
     level = float(np.nanmedian(wet)) * per_k
-    return Felt(-np.log(wet) / per_k, _noise(part, effects, None) / level, resolution_of(wet[np.isfinite(wet)]) / level)
+    return Felt(-np.log(wet) / per_k, noise / level, resolution / level)
 
 
 def _earlier(time_s: Array, values: Array, delay_s: float) -> Array:
