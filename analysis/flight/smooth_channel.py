@@ -270,9 +270,10 @@ def _best(
     """The jumps with one more near a node: of the air, of its slope, or a ramp; `size` (2,) as found, placed where it
     makes the readings most likely. Or a step of the sensor itself, where no air explains the readings as well.
 
-    In a gap it may have been at any place that the readings behind do not refute. A jump at one of several places, each
-    as likely, has the mean and the variance of jumps at all of them that share its variance. In a burst of noise it may
-    have been anywhere, and the air may have gone there in any way, unless one place is likelier by far.
+    In a gap it may have been at any place that the readings behind do not refute, or a ramp that they are a part of. A
+    jump at one of several places, each as likely, has the mean and the variance of jumps at all of them that share its
+    variance. In a burst of noise it may have been anywhere, and the air may have gone there in any way, unless one
+    place is likelier by far.
     """
     most = min(float(np.ptp(values)), WIDEST_IN_NOISE * float(local.noise[near]))
     size = np.clip(np.abs(size), 0.0, [most, most / track.period_s])
@@ -286,6 +287,10 @@ def _best(
         trials.add_within(track, size[0], first_s, last_s)
     known = len(trials.tried)
     trials.add_around(near, size, track.period_s)
+    around_near = len(trials.tried)
+    if last > near:
+        # of a ramp that is read from its middle on the readings behind the gap tell
+        trials.add_ramps(last, size, track.period_s)
     outside = len(trials.tried)
     places = _in_gap(first, last) if last > first else np.zeros(0, dtype=np.int64)
     if not jumps.variance[first : last + 1, 0].any():
@@ -319,9 +324,11 @@ def _best(
         if alike[-1] > alike[0]:
             # up to the first that was tried and is refuted
             begins, behind = places[alike[0]], np.append(places, last + 1)[alike[-1] + 1]
-            anywhere = Jumps(jumps.variance.copy(), jumps.place)
-            anywhere.variance[begins:behind, 0] = size[0] ** 2 / (behind - begins)
-            return anywhere
+            anywhere = Jumps(jumps.variance[nodes], jumps.place[nodes])
+            anywhere.variance[begins - nodes[0] : behind - nodes[0], 0] = size[0] ** 2 / (behind - begins)
+            straddling = slice(around_near, outside)
+            every = np.append(cost[straddling], in_gap.min())
+            return trials.with_one(_mixed([*tried[straddling], anywhere], every))
     # a jump is placed as finely as it shows before it is compared with what has no such place
     if (sharp := np.flatnonzero(trials.single)).size:
         finer = trials.finer(int(sharp[np.argmin(cost[sharp])]))
@@ -416,6 +423,10 @@ class JumpTrials:
             for place in PLACES_IN_STEP:
                 self.add((near + beside, 0, size[0], place))
             self.add((near + beside, 1, size[1], 0.5))
+        self.add_ramps(near, size, period_s)
+
+    def add_ramps(self, near: int, size: Array, period_s: float) -> None:
+        """Ramps of the air about a node."""
         for half in RAMP_SAMPLES:
             slope = size[0] / (2 * half * period_s)
             for beside in (0, half // 2, -(half // 2)):
@@ -449,6 +460,44 @@ def without(track: Track, values: Array, found: Sweep, jumps: Jumps) -> Array:
         shown[k : k + min(lasting, LONGEST_HIDDEN)] = False
     nodes = np.arange(values.size)
     return np.interp(nodes, nodes[shown], rest[shown])
+
+
+def unseen_jumps(
+    track: Track, values: Array, read: NDArray[np.bool_], jumps: Jumps, found: Sweep
+) -> tuple[Jumps, float]:
+    """The jumps with what the air may have jumped in steps to and from nodes (n,) that were not `read`, and what is to
+    be added to minus the log-likelihood under them, since nothing says that it did.
+
+    It jumps there as often as elsewhere in the flight, and the readings around say how likely that is at each step
+    (Bayes, the variance of a jump being the likeliest); its variance is the one to be expected. Where the air is read a
+    jump shows, so what is no surer than chance is none. Where it is not, air that went steadily from one end to the
+    other is one of the explanations.
+    """
+    between = ~read
+    between[1:] |= ~read[:-1]
+    between &= ~track.broken
+    between &= np.arange(read.size) <= np.max(np.flatnonzero(read), initial=0)
+    score, jump = (np.abs(np.nan_to_num(one[:, 0])) for one in (found.jump_score, found.jump))
+    step_s = np.maximum(np.diff(track.time_s, prepend=track.time_s[0]), np.finfo(float).tiny)
+    count = np.count_nonzero(np.diff(jumps.variance.any(axis=1).astype(int)) > 0)
+    # of a Poisson process, by Jeffreys' prior; of single readings far apart, over all of the flight
+    lasting_s = step_s[~between] if (step_s[~between] > 0.5 * track.period_s).any() else step_s
+    rate = (count + 0.5) / float(lasting_s.sum())
+    variance, added = jumps.variance.copy(), 0.0
+    for first, behind in np.flatnonzero(np.diff(between, prepend=False, append=False)).reshape(-1, 2).tolist():
+        square = np.minimum(score[first:behind], WIDEST_IN_NOISE) ** 2
+        largest = float(square.max())
+        if largest <= 1.0 or jumps.variance[first:behind].any():
+            continue
+        # of each under the likeliest variance, beside the likelihood without one
+        gain = 0.5 * np.where(square > 1.0, square - 1.0 - np.log(np.maximum(square, 1.0)), 0.0)
+        odds = np.log(rate * step_s[first:behind]) + gain
+        together = np.logaddexp.reduce(np.append(odds, 0.0))
+        size = np.minimum(jump[first:behind], np.ptp(values))
+        variance[first:behind, 0] = size**2 * np.exp(odds - together)
+        in_all = largest * (1.0 - np.exp(-together))
+        added += 0.5 * (largest * in_all / (1.0 + in_all) - np.log1p(in_all)) - together
+    return Jumps(variance, jumps.place), float(added)
 
 
 Rows = NDArray[np.int64]
@@ -486,7 +535,7 @@ class Estimate:
     (b, 2) at which it or its slope did or seems to have, with the sigmas of a jump; `own_steps`: by how much the sensor
     itself reads more from a row on than before it, where the method looks for that; `cost`: minus the log-likelihood of
     the readings, without its constant, of a method that has one; `staying`: variance, of `variance`, of an error that
-    stays for as long as a rounded reading does.
+    stays for as long as a rounded reading does; `steady`: variance without jumps that nobody saw.
     """
 
     air: Array
@@ -501,6 +550,7 @@ class Estimate:
     own_steps: Array = field(default_factory=lambda: np.zeros(0))
     cost: float = np.nan
     staying: Array = field(default_factory=lambda: np.zeros(1))
+    steady: Array = field(default_factory=lambda: np.zeros(1))
 
 
 def estimate(
@@ -552,16 +602,18 @@ def estimate(
     known = np.zeros(on.row.shape, dtype=bool) if stepped is None else stepped[on.row] & on.measured
     found, local, jumps, own = with_jumps(track, on.bridged, variance, local, strengths, known_s, strengths.loud, known)
     on, broken = replace(on, bridged=on.bridged - np.cumsum(own)), breaks(track, jumps, found)
-    stays = np.zeros(on.row.shape)
+    stays, steady = np.zeros(on.row.shape), found.variance
     if rounding is None:
         brief = _brief(track.time_s, on.measured, BRIEF_LAGS * response.slowest_s)
-        found, local = _of_samples(on, variance, brief, noise_factor, jumps, found, local, strengths)
+        also, nats = unseen_jumps(track, on.bridged, _shown(on, strengths.loud), jumps, found)
+        found, local = _of_samples(on, variance, brief, noise_factor, jumps, also, found, local, strengths)
     else:
-        found, local, stays, more = _of_stairs(on, variance, noise_variance, rounding, jumps, local, strengths, known_s)
+        of_stairs = _of_stairs(on, variance, noise_variance, rounding, jumps, local, strengths, known_s)
+        found, local, stays, more, nats, steady = of_stairs
         if more is not None:
             jumps, broken = more[0], breaks(track, *more)
-    every = found.air, found.variance + stays, found.clean, stays
-    air, node_variance, clean, staying = (np.interp(time_s, track.time_s, v) for v in every)
+    every = found.air, found.variance + stays, found.clean, stays, steady
+    air, node_variance, clean, staying, steady = (np.interp(time_s, track.time_s, v) for v in every)
     typical = local.each(lambda strength: np.median(strength, keepdims=True))
     rate = resolved_rate(typical, along.at(slice(len(along.rate) // 2, len(along.rate) // 2 + 1)), track.period_s)
     if rounding is not None:
@@ -581,8 +633,9 @@ def estimate(
         jumps_s=when(track, jumps),
         breaks=broken,
         own_steps=own_steps,
-        cost=float(found.cost.sum()),
+        cost=float(found.cost.sum()) + nats,
         staying=staying,
+        steady=steady,
     )
 
 
@@ -635,11 +688,14 @@ def _of_samples(
     brief: NDArray[np.bool_],
     noise_factor: float,
     jumps: Jumps,
+    also: Jumps,
     found: Sweep,
     local: Prior,
     strengths: StrengthsOfFlight,
 ) -> tuple[Sweep, Prior]:
-    """The sweep of readings with fine steps, and its strengths, where `brief` gaps (n,) and lone readings part them."""
+    """The sweep of readings with fine steps, and its strengths, where `brief` gaps (n,) and lone readings part them;
+    with jumps that may `also` have been where nothing was read."""
+    changed = not np.array_equal(also.variance, jumps.variance)
     if on.parts == 1 and brief.any():
         # single samples put together over those that lack between them are not evenly spaced: strengths are judged
         # again with what the sensor would have read there
@@ -649,11 +705,20 @@ def _of_samples(
         calm = np.zeros(brief.shape, dtype=bool)
         calm[strengths.rows] = True
         local = replace(strengths, rows=np.flatnonzero(calm | brief))(read)
-        found = swept(on.track, on.bridged, variance, local, jumps, scored=False)
+        changed = True
+    if changed:
+        found = swept(on.track, on.bridged, variance, local, also, scored=False)
     if (alone := _lone_readings(on.track, on.bridged, variance, found, jumps)).any():
         variance = np.where(alone, np.inf, variance)
-        found = swept(on.track, on.bridged, variance, local, jumps, scored=False)
+        found = swept(on.track, on.bridged, variance, local, also, scored=False)
     return found, local
+
+
+def _shown(on: OnNodes, loud: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Nodes (n,) at which the air's moves show: that were read, out of bursts, and between any two of these as near as
+    the log's rows, or as the sensor's lag lets the second tell of what was before it."""
+    calm = on.measured & ~loud if (on.measured & ~loud).any() else on.measured
+    return np.asarray(calm | _brief(on.track.time_s, calm, max(on.slowest_s, 1.6 * on.parts * on.track.period_s)))
 
 
 def _of_stairs(
@@ -665,9 +730,10 @@ def _of_stairs(
     local: Prior,
     strengths: StrengthsOfFlight,
     known_s: Array,
-) -> tuple[Sweep, Prior, Array, tuple[Jumps, Sweep] | None]:
+) -> tuple[Sweep, Prior, Array, tuple[Jumps, Sweep] | None, float, Array]:
     """The sweep of readings in steps of `rounding` (rows,), its strengths, the variance (n,) that what stays leaves
-    besides, and the jumps with those that these strengths alone show, with the sweep that has their scores, if any."""
+    besides, the jumps with those that these strengths alone show, with the sweep that has their scores, if any,
+    what jumps that nobody saw add to minus the log-likelihood, and the variance (n,) without these."""
     steps = rounding[on.row]
     own = np.sqrt(np.maximum(noise_variance[on.row] - steps**2 / 12.0, 0.0))
     given = on.track, on.bridged, variance, steps, own
@@ -686,10 +752,15 @@ def _of_stairs(
         )
         # before the flight is looked at each is as likely in every row, and about one in a flight
         if behind - before > added * np.log(own.size):
-            found, local, new = with_more, of_more, (more, scored)
+            found, local, sites, new = with_more, of_more, sites_of_more, (more, scored)
+    now = jumps if new is None else more
+    also, nats = unseen_jumps(on.track, on.bridged, _shown(on, strengths.loud), now, scored)
+    steady = found.variance
+    if not np.array_equal(also.variance, now.variance):
+        found = swept(on.track, *sites, local, also, scored=False)
     level = np.where(on.measured, np.round(on.bridged / steps), np.nan)
     least = within_a_step(on.track.time_s, level, steps, own, STILL_LAGS * on.slowest_s)
-    return found, local, np.maximum(least - found.variance, 0.0), new
+    return found, local, np.maximum(least - found.variance, 0.0), new, nats, steady
 
 
 def _strengths(

@@ -63,7 +63,8 @@ def where_felt(
     air there, if that explains the readings better.
 
     What the air did from one end of a stretch to the other is b times what was felt, beside what it does anyhow
-    (`found`, with its variance). Before that is looked at b is about 1 to either side, as of a film whose vapour stays.
+    (`found`, with the variance of air that did not jump unseen). Before that is looked at b is about 1 to either side,
+    as of a film whose vapour stays.
     """
     rows = far(readings if readings.loud is None else replace(readings, usable=readings.usable & ~readings.loud))
     known = np.zeros(0) if felt is None else np.flatnonzero(np.isfinite(felt.reading))
@@ -75,7 +76,7 @@ def where_felt(
     rows[: np.argmin(rows)] = rows[rows.size - np.argmin(rows[::-1]) :] = False  # of these one end is known
     for first, behind in np.flatnonzero(np.diff(rows, prepend=False, append=False)).reshape(-1, 2).tolist():
         went, air = seen[first - 1 : behind + 1] - seen[first - 1], found.air[behind] - found.air[first - 1]
-        anyhow = float(np.max(found.variance[first:behind]))
+        anyhow = float(np.max(found.steady[first:behind]))
         total = went[-1] ** 2 + anyhow
         share = air * went[-1] / total
         along[first:behind] += share * went[1:-1]
