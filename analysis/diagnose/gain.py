@@ -137,7 +137,7 @@ def _scanned_within(part: Problem, found: Fit, limit: Array) -> Array:
     as well; at rest where there is none."""
     known = part.channel.conditions.start_known
     starts_s = np.linspace(-1.0, 1.0, STARTS_TRIED)[:, None] * limit[:, RunEffect.START]
-    starts_s = np.concatenate([np.zeros((1, known.size)), starts_s, begun_starts_s(part.channel)])
+    starts_s = np.concatenate([starts_s, begun_starts_s(part.channel)])[: 1 if known.all() else None]
     tried = np.tile(part.channel.at_rest(), (len(starts_s), 1, 1))
     tried[..., RunEffect.START] = np.where(known, 0.0, starts_s)
     tried, left = with_airs(part, found.model.on(part.channel), Point(found.theta, tried))

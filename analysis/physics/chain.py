@@ -204,17 +204,13 @@ def evaluate(chain: Chain, reading_of: Callable[[Chain], Array]) -> Array:
     return reading
 
 
-# What of a chain its bodies see may differ from candidate to candidate; what its readouts do, they have to themselves.
-SEEN_BY_BODIES = (
-    *("time_s", "source_c", "destination_c", "source_percent", "destination_percent", "rate", "air_offset", "before"),
-    *("ramp_s", "rooms", "biot", "activity_slope", "lags", "series", "echoes", "loaded"),
-    *("vapour_late_s", "wet_until_s", "percent_per_k"),
-)
+# Not different from candidate to candidate, or not seen by the bodies: what readouts do, they have to themselves.
+ALIKE_TO_BODIES = frozenset({"channel", "body", "die_c", "by_chance", "readouts"})
 
 
 def _for_different(chain: Chain, reading_of: Callable[[Chain], Array]) -> Array:
     """What the body shows (B, R, n), evaluated once for all candidates that are as the first one is to it."""
-    seen = {name: getattr(chain, name) for name in SEEN_BY_BODIES}
+    seen = {name: value for name, value in vars(chain).items() if name not in ALIKE_TO_BODIES}
     count, pick, place = different(list(_arrays(seen.values())))
     if pick.size == count:
         return reading_of(chain)

@@ -138,6 +138,29 @@ def test_a_batch_predicts_what_its_members_do_one_by_one(channels, name, effects
 
 
 @pytest.mark.parametrize(("name", "effects"), EVERY)
+def test_members_that_differ_in_one_thing_each_are_predicted_as_they_are_alone(channels, name, effects):
+    """What is the same for several is evaluated once: that is not to make anything the same that is not."""
+    channel = channels[name]
+    for effect in [None, *effects]:
+        model = Model(channel, structure_of([effect] if effect else []))
+        first, other = some_point(model, 1, 1), some_point(model, 2, 1)
+        moved = [Point(first.theta[0], first.deviations[0])]
+        for place in range(model.size):
+            theta = first.theta[0].copy()
+            theta[place] = other.theta[0, place]
+            moved.append(Point(theta, first.deviations[0]))
+        for place in range(first.deviations.shape[-1]):
+            deviations = first.deviations[0].copy()
+            deviations[:, place] = other.deviations[0, :, place]
+            moved.append(Point(first.theta[0], deviations))
+        whole = model.predict(
+            Point(np.array([one.theta for one in moved]), np.array([one.deviations for one in moved]))
+        )
+        for together, one in zip(whole, moved, strict=True):
+            assert together == pytest.approx(model.predict(one)[0], abs=1e-7), effect
+
+
+@pytest.mark.parametrize(("name", "effects"), EVERY)
 def test_runs_alone_are_predicted_as_among_others(channels, name, effects):
     channel, index = channels[name], np.array([14, 2, 18])
     for effect in effects:
