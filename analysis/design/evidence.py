@@ -23,15 +23,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.design.information import imagined, nats, rates_known
+from shockrig.analysis.design.information import imagined, nats, rates_known, shown
 from shockrig.analysis.design.shock import PlannedShock
 from shockrig.analysis.effects import in_channel
 from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.effects.forms import form_of
 from shockrig.analysis.estimate.arrow import Arrow
-from shockrig.analysis.estimate.fit import Fit, fit, linearise
+from shockrig.analysis.estimate.fit import Fit, fit
 from shockrig.analysis.estimate.fit_starts import rough_point
-from shockrig.analysis.estimate.model import Model, Point, Structure
+from shockrig.analysis.estimate.model import Model, Structure
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.problem import Problem, posterior_scatter, prior_cost
 
@@ -174,26 +174,21 @@ def expected(
     old = np.isin(channel.run_ids, dispute.runs)
     found, each_further = np.zeros((2, len(fits), len(fits), len(shocks)))
     new = imagined(problem, noise, shocks, channel.ambients_c)
-    shown = [_shown(new, one.structure, one.theta) for one in fits]
+    at = [shown(new, one.structure, one.theta) for one in fits]
+    white = [new.whiten(readings) for readings, _ in at]
     for i, true in enumerate(fits):
         weight = 1.0 / new.with_rate_scatter(true.rate_scatter).scatter ** 2
-        known, own = true.arrow.normal, replace(shown[i][1], weight=weight)
-        paid = [2.0 * nats(known, known + told, range(true.theta.size)) for told in own.told_by_each()]
+        known, own = true.arrow.normal, replace(at[i][1], weight=weight)
+        paid = [2.0 * nats(known, known + told, range(true.theta.size)) for told in own.told_by_each]
         for j, rival in ((j, one) for j, one in enumerate(fits) if j != i):
-            told, there = rival.arrow.of_runs(old).told, replace(shown[j][1], weight=weight)
-            difference = new.whiten(shown[i][0] - shown[j][0])
-            twice = _apart(difference, there, rival.arrow.told - (1.0 - OLD_RUNS_POWER) * told) - paid
-            once = _allowed(there.told_by_each(), told) if old.all() else np.zeros(len(shocks))
+            told, there = rival.arrow.of_runs(old).told, replace(at[j][1], weight=weight)
+            twice = _apart(white[i] - white[j], there, rival.arrow.told - (1.0 - OLD_RUNS_POWER) * told) - paid
+            once = _allowed(there.told_by_each, told) if old.all() else np.zeros(len(shocks))
             before = _not_student(so_far[j], degrees)
             for out, adds in ((found, twice + once), (each_further, twice)):
                 out[i, j] = [student(before + 0.5 * float(x), degrees) - so_far[j] for x in adds]
     known_there = rates_known(channel, shocks)
     return found * known_there, each_further * known_there
-
-
-def _shown(new: Problem, structure: Structure, theta: Array) -> tuple[Array, Arrow]:
-    """What a model shows of imagined runs (M, n), and the normal equations there."""
-    return linearise(new, structure, Point(theta, new.channel.at_rest()))
 
 
 def _apart(difference: Array, there: Arrow, known: Array) -> Array:
@@ -204,7 +199,7 @@ def _apart(difference: Array, there: Arrow, known: Array) -> Array:
     `known` (P, P) leave them open.
     """
     left, right = there.beyond_runs(difference)
-    told = known + np.diag(there.prior_weight) + there.told_by_each()
+    told = known + np.diag(there.prior_weight) + there.told_by_each
     move = np.linalg.pinv(told, rcond=len(known) * np.finfo(float).eps, hermitian=True) @ right[..., None]
     return np.maximum(left - (right * move[..., 0]).sum(axis=1), 0.0)
 
@@ -222,16 +217,17 @@ def of_second_probe(
     common = frozenset.intersection(*(frozenset(one.structure.ids) for one in fits))
     found = np.zeros((len(fits), len(fits), len(shocks)))
     new = imagined(problem, noise, shocks, channel.ambients_c)
-    shown, known = [], []
+    at, known = [], []
     for one in fits:
         structure, places, told = _as_of_second(one, common)
-        shown.append(_shown(new, structure, one.theta[places]))
+        at.append(shown(new, structure, one.theta[places]))
         known.append(told)
+    white = [new.whiten(readings) for readings, _ in at]
     for i, true in enumerate(fits):
         weight = 1.0 / new.with_rate_scatter(true.rate_scatter).scatter ** 2
         for j in (j for j in range(len(fits)) if j != i):
-            there = replace(shown[j][1], weight=weight)
-            twice = _apart(new.whiten(shown[i][0] - shown[j][0]), there, known[j])
+            there = replace(at[j][1], weight=weight)
+            twice = _apart(white[i] - white[j], there, known[j])
             found[i, j] = [student(0.5 * float(x), degrees) for x in twice]
     return np.asarray(found.max(axis=1) * rates_known(channel, shocks))
 

@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.design.shock import LEAD_S, PlannedShock
+from shockrig.analysis.estimate.arrow import Arrow
 from shockrig.analysis.estimate.channel import AMBIENT_WIDTH_K, Channel, bin_means, edges_after_transfer, place
 from shockrig.analysis.estimate.fit import Fit, linearise
 from shockrig.analysis.estimate.gather import TRIGGER_SCATTER_S
-from shockrig.analysis.estimate.model import Point, common_beside
+from shockrig.analysis.estimate.model import Point, Structure, common_beside
 from shockrig.analysis.estimate.noise import Noise, whiteners
 from shockrig.analysis.estimate.problem import Problem, make_problem
 from shockrig.analysis.estimate.quantity import HUMIDITY, TEMPERATURE
@@ -71,6 +72,11 @@ def imagined(problem: Problem, noise: Noise, shocks: Sequence[PlannedShock], amb
     )
     _, first, kind = np.unique(lasts_s, return_index=True, return_inverse=True)  # runs as long have the same bins
     return make_problem(channel, whiteners(channel.select(first), noise)[kind], problem.rate_scatter)
+
+
+def shown(imaginary: Problem, structure: Structure, theta: Array) -> tuple[Array, Arrow]:
+    """What a model shows of imagined runs (M, n), and the normal equations there."""
+    return linearise(imaginary, structure, Point(theta, imaginary.channel.at_rest()))
 
 
 def _conditions(like: Conditions, shocks: Sequence[PlannedShock]) -> Conditions:
@@ -210,8 +216,8 @@ def information(
     if more:
         theta[new] = rates_at(channel.ambients_c, found.theta[rates], ambients[new])
     imaginary = imagined(found.on_its_scatters(problem), noise, shocks, ambients)
-    _, arrow = linearise(imaginary, found.structure, Point(theta, imaginary.channel.at_rest()))
-    added = arrow.told_by_each()
+    _, arrow = shown(imaginary, found.structure, theta)
+    added = arrow.told_by_each
     spread = np.diag(found.covariance)[rates] - np.diag(found.arrow.covariance())[rates]
     floor = np.concatenate([np.maximum(spread, 0.0), np.full(more, float(np.median(np.maximum(spread, 0.0))))])
     return Information(ambients, known, added, floor)

@@ -51,7 +51,7 @@ def cannot_tell(channel: Channel) -> tuple[str, ...]:
     one_way = several and not driven and (np.all(step > 0) or np.all(step < 0))
     own_unknown = channel.name == "humidity" and not np.isfinite(channel.die_c).any() and not channel.isothermal.all()
     few, alone = 1 < channel.runs <= FEW_RUNS, several and not has_repeats(channel)
-    begun = sum(air is None and time[0] > 0.0 for (time, _), air in zip(channel.samples, channel.air, strict=True))
+    begun = int(np.count_nonzero(channel.begun_s))
     lag_unknown = driven and not any(air is not None and air.lag_s > 0.0 for air in channel.air)
     said = {
         "One run: nothing can be tried on a run that was not fitted. What is named says how the response goes; what "

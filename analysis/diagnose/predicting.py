@@ -46,10 +46,11 @@ def predicting_model(ready: Prepared, found: Search, stands: Predicting, shown: 
     models = {id(one): one for one in (found.best, found.plain, *firsts) if not _drifts(one, beside=found.best)}
     tried = [(one, judged) for one in models.values() if (judged := as_judged(problem, one.fit)) is not None]
     left = [float(run_errors(channel, problem, judged).mean()) for _, judged in tried]
-    before, least = float(run_errors(channel, problem, found.best.fit).mean()), min(left, default=np.inf)
-    if not _loss(channel, before) - _loss(channel, least) > AS_GOOD:
+    before, losses = float(run_errors(channel, problem, found.best.fit).mean()), [_loss(channel, one) for one in left]
+    least = min(losses, default=np.inf)
+    if not _loss(channel, before) - least > AS_GOOD:
         return stands
-    as_good = [i for i, square in enumerate(left) if _loss(channel, square) - _loss(channel, least) <= AS_GOOD]
+    as_good = [i for i, loss in enumerate(losses) if loss - least <= AS_GOOD]
     chosen = max(as_good, key=lambda i: tried[i][0].value)
     model, judged = tried[chosen]
     fit = carried(problem, model.fit, judged)

@@ -76,10 +76,7 @@ class Arrow:
             self, jacobian=self.jacobian[runs], run_jacobian=self.run_jacobian[runs], weight=self.weight[runs]
         )
 
-    def each_run(self) -> list[Arrow]:
-        """The equations of each run alone."""
-        return [self.of_runs(slice(i, i + 1)) for i in range(self.weight.shape[0])]
-
+    @cached_property
     def told_by_each(self) -> Array:
         """What each run alone tells (R, P, P), as `told`."""
         coupled, solved = self._coupled

@@ -183,6 +183,13 @@ class Channel:
             )
         return self._earlier_dies[shift_s]
 
+    @property
+    def begun_s(self) -> Array:
+        """How long before its first reading each run's response began (R,) [s]; 0 where its record shows the begin, or
+        the air was measured."""
+        times = zip(self.samples, self.air, strict=True)
+        return np.array([max(float(time[0]), 0.0) if air is None else 0.0 for (time, _), air in times])
+
     def at_rest(self) -> Array:
         """Random effects (R, U) of runs that are all as recorded."""
         return np.zeros((self.runs, self.quantity.run_effects))

@@ -100,8 +100,8 @@ def begun_starts_s(channel: Channel) -> Array:
     How long before, nothing says: just before the first reading or just behind it, and ever longer ago. What is fast
     in a response lets the beginning show only there, in a narrow valley that no even grid meets.
     """
-    first_s = np.array([time[0] for time, _ in channel.samples])
-    if not (first_s > 0.0).any():
+    first_s = channel.begun_s
+    if not first_s.any():
         return np.zeros((0, first_s.size))
     ago_s = np.geomspace(0.1, np.maximum(first_s / channel.sampling_period_s, 1.0), STARTS_AGO)
     since = np.concatenate([-ago_s, np.tile(WITHIN_PERIOD[:, None], first_s.size)]) * channel.sampling_period_s

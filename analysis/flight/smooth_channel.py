@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import binary_opening, maximum_filter1d, uniform_filter1d
 
 from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
@@ -135,7 +135,7 @@ def with_jumps(
         if number == 0 and (seen_too := beside <= KNOWN_APART * track.period_s).any():
             places = places[seen_too]
         # one that is somewhere in a gap is one
-        known = np.count_nonzero(np.diff(jumps.variance.any(axis=1).astype(int), prepend=0) > 0)
+        known = _stretches(jumps.variance.any(axis=1))
         if known + places.size > MOST_JUMPS:
             # about a large one many seem to be, until it is in
             places = _standing_out(places, found.jump_score)
@@ -462,6 +462,11 @@ def without(track: Track, values: Array, found: Sweep, jumps: Jumps) -> Array:
     return np.interp(nodes, nodes[shown], rest[shown])
 
 
+def _stretches(rows: ArrayLike) -> int:
+    """How many there are of rows (n,) in a row."""
+    return int(np.count_nonzero(np.diff(np.asarray(rows, dtype=int), prepend=0) > 0))
+
+
 def unseen_jumps(
     track: Track, values: Array, read: NDArray[np.bool_], jumps: Jumps, found: Sweep
 ) -> tuple[Jumps, float]:
@@ -479,7 +484,7 @@ def unseen_jumps(
     between &= np.arange(read.size) <= np.max(np.flatnonzero(read), initial=0)
     score, jump = (np.abs(np.nan_to_num(one[:, 0])) for one in (found.jump_score, found.jump))
     step_s = np.maximum(np.diff(track.time_s, prepend=track.time_s[0]), np.finfo(float).tiny)
-    count = np.count_nonzero(np.diff(jumps.variance.any(axis=1).astype(int)) > 0)
+    count = _stretches(jumps.variance.any(axis=1))
     # of a Poisson process, by Jeffreys' prior; of single readings far apart, over all of the flight
     lasting_s = step_s[~between] if (step_s[~between] > 0.5 * track.period_s).any() else step_s
     rate = (count + 0.5) / float(lasting_s.sum())
@@ -497,7 +502,7 @@ def unseen_jumps(
         variance[first:behind, 0] = size**2 * np.exp(odds - together)
         in_all = largest * (1.0 - np.exp(-together))
         added += 0.5 * (largest * in_all / (1.0 + in_all) - np.log1p(in_all)) - together
-    return Jumps(variance, jumps.place), float(added)
+    return (jumps, 0.0) if np.array_equal(variance, jumps.variance) else (Jumps(variance, jumps.place), float(added))
 
 
 Rows = NDArray[np.int64]
@@ -695,7 +700,7 @@ def _of_samples(
 ) -> tuple[Sweep, Prior]:
     """The sweep of readings with fine steps, and its strengths, where `brief` gaps (n,) and lone readings part them;
     with jumps that may `also` have been where nothing was read."""
-    changed = not np.array_equal(also.variance, jumps.variance)
+    changed = also is not jumps
     if on.parts == 1 and brief.any():
         # single samples put together over those that lack between them are not evenly spaced: strengths are judged
         # again with what the sensor would have read there
@@ -744,7 +749,7 @@ def _of_stairs(
         on.track, *sites, local, lambda _: local, known_s, strengths.loud, everywhere, jumps
     )
     new = None
-    if added := np.count_nonzero(np.diff((more.variance != jumps.variance).any(axis=1).astype(int)) > 0):
+    if added := _stretches((more.variance != jumps.variance).any(axis=1)):
         with_more, of_more, sites_of_more = _within_steps(*given, more, local, strengths)
         before, behind = (
             float(log_likelihood(one, *of_one, on.bridged, steps, own).sum())
@@ -756,7 +761,7 @@ def _of_stairs(
     now = jumps if new is None else more
     also, nats = unseen_jumps(on.track, on.bridged, _shown(on, strengths.loud), now, scored)
     steady = found.variance
-    if not np.array_equal(also.variance, now.variance):
+    if also is not now:
         found = swept(on.track, *sites, local, also, scored=False)
     level = np.where(on.measured, np.round(on.bridged / steps), np.nan)
     least = within_a_step(on.track.time_s, level, steps, own, STILL_LAGS * on.slowest_s)

@@ -234,7 +234,7 @@ def _of_those(value: Any, count: int, pick: NDArray[np.int64]) -> Any:
         return RoomAir(**_of_those(vars(value), count, pick))
     if isinstance(value, dict):
         return {name: _of_those(one, count, pick) for name, one in value.items()}
-    return of_those([value], count, pick)[0] if isinstance(value, np.ndarray) else value
+    return of_those(value, count, pick) if isinstance(value, np.ndarray) else value
 
 
 def _running_mean(chain: Chain, reading_of: Callable[[Chain], Array]) -> Array:

@@ -10,28 +10,25 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-FEWEST = 3  # candidates from which looking for those that are alike may pay
-
 
 def different(keys: Sequence[Array]) -> tuple[int, Index, Index]:
     """How many candidates there are, which of them differ from the first in any key (with the first), and the place of
     each among those; a key is (B, ...), or (1, ...) where it is the same for all."""
     count = max(key.shape[0] if key.ndim > 1 else 1 for key in keys)
-    if count < FEWEST:
-        return count, np.arange(count), np.arange(count)
     same = np.ones(count, dtype=bool)
-    for key in keys:
+    for key in keys if count > 1 else ():
         if key.ndim > 1 and key.shape[0] == count:
             same &= (key == key[:1]).reshape(count, -1).all(axis=1)
+    same[0] = True
     own = np.flatnonzero(~same)
     place = np.zeros(count, dtype=int)
     place[own] = np.arange(1, own.size + 1)
     return count, np.concatenate([[0], own]), place
 
 
-def of_those(keys: Sequence[Array], count: int, pick: Index) -> list[Array]:
-    """The keys of some of `count` candidates."""
-    return [key[pick] if key.ndim > 1 and key.shape[0] == count else key for key in keys]
+def of_those(key: Array, count: int, pick: Index) -> Array:
+    """A key of some of `count` candidates."""
+    return key[pick] if key.ndim > 1 and key.shape[0] == count else key
 
 
 def for_different(form: Callable[..., Array], *keys: Array) -> Array:
@@ -39,4 +36,4 @@ def for_different(form: Callable[..., Array], *keys: Array) -> Array:
     count, pick, place = different(keys)
     if pick.size == count:
         return form(*keys)
-    return np.asarray(form(*of_those(keys, count, pick))[place])
+    return np.asarray(form(*(of_those(key, count, pick) for key in keys))[place])

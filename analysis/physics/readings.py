@@ -17,7 +17,7 @@ from scipy.linalg import lapack
 from shockrig.analysis.physics import modes
 from shockrig.analysis.physics.air_exchange import REFERENCE_C
 from shockrig.analysis.physics.chain import Chain, MeasuredAir, RoomAir
-from shockrig.analysis.physics.distinct import different, for_different
+from shockrig.analysis.physics.distinct import different, for_different, of_those
 from shockrig.analysis.physics.driven import beside_lagging_reference, respond
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 
@@ -281,7 +281,7 @@ def _response(chain: Chain, rate: Array) -> modes.Modes:
     count, pick, place = different((rate, *films, *lags, *chain.series))
 
     def own(x: Array) -> Array:
-        return x[pick] if x.shape[0] == count else x
+        return of_those(x, count, pick)
 
     if chain.loaded is not None:
         time_constant_s, capacity = (own(x) for x in chain.loaded)

@@ -28,6 +28,19 @@ def readings_of(temperature, slope, usable, seed=3):
     ), lags[:, 0]
 
 
+def flown(kind, seed, channel):
+    """A simulated flight: its log, the truth of a channel (n,), and the profile of its sensors."""
+    kinds, worlds, harm = (benchmark(name) for name in ("flight_kinds", "flight_worlds", "flight_harm"))
+    world = getattr(kinds, kind)(np.random.default_rng(seed))
+    made = worlds.fly(world, seed)
+    return made.log, made.truth[channel], harm.profile_of(world)
+
+
+def as_flight(log, temperature, humidity):
+    nothing = np.full(COUNT, np.nan)
+    return Flight(log["time_s"], temperature, humidity, nothing, nothing, nothing, log["altitude_m"])
+
+
 def plumes(places):
     return sum(np.exp(-0.5 * ((TIME - at) / 3.0) ** 2) for at in places)
 
@@ -49,14 +62,10 @@ def test_one_front_does_not_speak_for_the_flight_nor_does_noise(places):
 @pytest.mark.parametrize("seed", [6, 7, 8])
 def test_a_film_that_is_stuck_in_plumes_is_told_by_the_temperature(seed):
     """For half a minute; before, its vapour was the line across it, and the humidity worse than the reading."""
-    kinds, worlds, harm = (benchmark(name) for name in ("flight_kinds", "flight_worlds", "flight_harm"))
-    world = kinds.plumes(np.random.default_rng(seed))
-    flown = worlds.fly(world, seed)
-    log, truth = flown.log, flown.truth["humidity_percent"]
+    log, truth, profile = flown("plumes", seed, "humidity_percent")
     stuck = (log["time_s"] > 60.0) & (log["time_s"] < 90.0)
-    humidity, nothing = np.where(stuck, log["humidity_percent"][600], log["humidity_percent"]), np.full(COUNT, np.nan)
-    flight = Flight(log["time_s"], log["temperature_c"], humidity, nothing, nothing, nothing, log["altitude_m"])
-    done = correct(flight, harm.profile_of(world))
+    humidity = np.where(stuck, log["humidity_percent"][600], log["humidity_percent"])
+    done = correct(as_flight(log, log["temperature_c"], humidity), profile)
     off = done.humidity_percent - truth
     assert np.sqrt(np.mean(off[stuck] ** 2)) < 0.4 * np.sqrt(np.mean((humidity - truth)[stuck] ** 2))
     (note,) = done.notes
@@ -66,15 +75,11 @@ def test_a_film_that_is_stuck_in_plumes_is_told_by_the_temperature(seed):
 def with_temperature(seed, change):
     """A flight through a front, and its true temperature; the thermometer's readings `change`d, given the front's row,
     and the rows of that."""
-    kinds, worlds, harm = (benchmark(name) for name in ("flight_kinds", "flight_worlds", "flight_harm"))
-    world = kinds.front(np.random.default_rng(seed))
-    flown = worlds.fly(world, seed)
-    log, truth = flown.log, flown.truth["temperature_c"]
+    log, truth, profile = flown("front", seed, "temperature_c")
     front = int(np.argmax(np.abs(truth[50:] - truth[:-50]))) + 25
-    temperature, nothing = log["temperature_c"].copy(), np.full(COUNT, np.nan)
+    temperature = log["temperature_c"].copy()
     rows = change(temperature, front)
-    flight = Flight(log["time_s"], temperature, log["humidity_percent"], nothing, nothing, nothing, log["altitude_m"])
-    done = correct(flight, harm.profile_of(world))
+    done = correct(as_flight(log, temperature, log["humidity_percent"]), profile)
     off = (done.temperature_c - truth)[rows]
     covered = np.mean(np.abs(off) <= 1.96 * done.temperature_uncertainty_k[rows])
     return np.sqrt(np.mean(off**2)), np.sqrt(np.mean((temperature - truth)[rows] ** 2)), covered
@@ -109,16 +114,12 @@ def test_a_front_in_a_burst_of_the_thermometers_noise_is_told_by_the_film(seed):
 @pytest.mark.parametrize("seed", [3, 8, 10])
 def test_a_film_that_is_stuck_feels_no_front_where_it_goes_on(seed):
     """Both stuck, the film up to the middle of a front. Before: a jump where it went on, with 0.1 K stated."""
-    kinds, worlds, harm = (benchmark(name) for name in ("flight_kinds", "flight_worlds", "flight_harm"))
-    world = kinds.front(np.random.default_rng(seed))
-    flown = worlds.fly(world, seed)
-    log, truth = flown.log, flown.truth["temperature_c"]
+    log, truth, profile = flown("front", seed, "temperature_c")
     front = int(np.argmax(np.abs(truth[50:] - truth[:-50]))) + 25
-    rows, of_film, nothing = slice(front - 200, front + 100), slice(front - 300, front), np.full(COUNT, np.nan)
+    rows, of_film = slice(front - 200, front + 100), slice(front - 300, front)
     temperature, humidity = log["temperature_c"].copy(), log["humidity_percent"].copy()
     temperature[rows], humidity[of_film] = temperature[rows.start], humidity[of_film.start]
-    flight = Flight(log["time_s"], temperature, humidity, nothing, nothing, nothing, log["altitude_m"])
-    done = correct(flight, harm.profile_of(world))
+    done = correct(as_flight(log, temperature, humidity), profile)
     off = (done.temperature_c - truth)[rows] / done.temperature_uncertainty_k[rows]
     assert np.sqrt(np.mean(off**2)) < 1.5
 
