@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.fit_starts import rough_rates
 from shockrig.analysis.estimate.noise import Noise
+from shockrig.analysis.estimate.predictive import BUMP_COUNT
 from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
 from shockrig.analysis.physics.bodies import BODIES
@@ -54,6 +55,7 @@ def _passed(air: MeasuredAir, body: Modes) -> float:
 
 GRID_STEPS = 4000  # steps over a record on which a sensor is followed roughly
 LAGS_TRIED, SLOWEST_LAG = 40, 5.0  # time constants; the longest in units of the record
+ROUNDS = 3  # in which what is left tells how well offsets are known, and these what is left
 GAIN_SPREAD = 0.03  # of two sensors in one air, relative: a trace that stands still tells nothing of it
 MOST_BENDING = 0.5  # of the noise of a bin's mean: how much a bin may bend
 FASTER_PART = 3.0  # a response is taken to have a part that is so much faster than the whole
@@ -91,41 +93,105 @@ class Followed:
     excess_uncertainty: float = 0.0
 
 
-def follow(time_s: Array, value: Array, air_time_s: Array, air: Array, resolution: float) -> Followed:
-    """Follow a sensor behind a measured air: the first-order lag that leaves least, with what it had not forgotten.
+@dataclass(frozen=True)
+class _OnGrid:
+    """A run on an even grid of `step` seconds: its air and its readings (m,), how far these are from it at their own
+    times (n,), what both are known to, and the least excess that is one."""
 
-    Its offset, its gain and a departure that decays since the record's begin are fitted along.
+    grid: Array
+    step: float
+    driving: Array
+    reading: Array
+    time_s: Array
+    apart: Array
+    noise: float
+    least: float
+
+
+def follow(runs: Sequence[tuple[Array, Array, Array, Array]], resolution: float) -> list[Followed]:
+    """Follow a sensor behind measured airs: the first-order lag that leaves least of all runs together.
+
+    A run is its times and readings (n,), and its air's times and values (m,). The lag, an offset and a gain are the
+    sensor's, in all runs the same; each run departs from the offset by little, and begins with an excess that decays.
+    On a ramp a lag is as good as an offset, and one run alone tells no excess from either: so an offset is about as
+    large as what readings are off the air in all, an excess as what they are at most, and other runs tell the rest.
     """
-    from scipy.signal import lfilter  # takes longer to import than all the rest, and few campaigns measure their airs
+    grids = [_on_grid(*run, resolution) for run in runs]
+    step, longest = min(one.step for one in grids), max(float(np.ptp(one.grid)) for one in grids)
 
+    def misfit(tau: float) -> float:
+        return _behind(grids, tau)[0]
+
+    taus = np.geomspace(step, SLOWEST_LAG * longest, LAGS_TRIED)
+    near = min(taus, key=misfit)
+    tau = float(min(near * np.geomspace(taus[0] / taus[1], taus[1] / taus[0], LAGS_TRIED // 2), key=misfit))
+    _, shown, settled = _behind(grids, tau)
+    return [_followed(one, tau, seen, off) for one, seen, off in zip(grids, shown, settled, strict=True)]
+
+
+def _on_grid(time_s: Array, value: Array, air_time_s: Array, air: Array, resolution: float) -> _OnGrid:
     step = max((time_s[-1] - time_s[0]) / GRID_STEPS, 1e-3)
     grid = np.arange(time_s[0], time_s[-1] + step, step)
-    driving, reading = np.interp(grid, air_time_s, air), np.interp(grid, time_s, value)
     noise = float(np.hypot(max(trace_noise(value), resolution), trace_noise(air)))
+    return _OnGrid(
+        grid,
+        step,
+        np.interp(grid, air_time_s, air),
+        np.interp(grid, time_s, value),
+        time_s,
+        value - np.interp(time_s, air_time_s, air),
+        noise,
+        max(UNSETTLED_NOISE * noise, UNSETTLED_SHARE * float(np.ptp(value))),
+    )
 
-    def tried(tau: float) -> tuple[float, float, Array, Array]:
-        keep = np.exp(-step / tau)
-        lagged = lfilter([1 - keep], [1, -keep], driving, zi=[keep * driving[0]])[0]
-        held = np.exp(-(grid - grid[0]) / tau)
-        design = np.column_stack([np.ones(grid.size), lagged - driving[0], held])
-        normal = design.T @ design
-        right = design.T @ (reading - lagged)
-        loose = float(np.var(reading - lagged)) + noise**2
-        normal[1, 1] += loose / GAIN_SPREAD**2
-        found = np.linalg.lstsq(normal, right, rcond=None)[0]
-        return float(np.var(reading - lagged - design @ found)), tau, found, lagged + held * found[2]
 
-    taus = np.geomspace(step, SLOWEST_LAG * (time_s[-1] - time_s[0]), LAGS_TRIED)
-    near = min((tried(tau) for tau in taus), key=lambda t: t[0])[1]
-    taus = near * np.geomspace(taus[0] / taus[1], taus[1] / taus[0], LAGS_TRIED // 2)
-    _, tau, (offset, *_), shown = min((tried(tau) for tau in taus), key=lambda t: t[0])
-    early = time_s <= max(time_s[0] + EARLY_SHARE * tau, time_s[min(2, time_s.size - 1)])
-    apart = float(np.mean(value[early] - np.interp(time_s[early], air_time_s, air)))
-    excess = (apart - float(offset)) / float(np.mean(np.exp((time_s[0] - time_s[early]) / tau)))
-    least = max(UNSETTLED_NOISE * noise, UNSETTLED_SHARE * float(np.ptp(value)))
-    if not _forgets(excess, grid - grid[0], driving, reading, tau, least):
+def _lagged(run: _OnGrid, tau: float) -> tuple[Array, Array]:
+    """The air behind a lag that had settled to its first value, and how an excess decays; both (m,)."""
+    from scipy.signal import lfilter  # takes longer to import than all the rest, and few campaigns measure their airs
+
+    keep = np.exp(-run.step / tau)
+    lagged = lfilter([1 - keep], [1, -keep], run.driving, zi=[keep * run.driving[0]])[0]
+    return lagged, np.exp((run.grid[0] - run.grid) / tau)
+
+
+def _behind(runs: Sequence[_OnGrid], tau: float) -> tuple[float, list[Array], list[float]]:
+    """How ill a lag fits [nats], what it shows of each run (m,), and by how much a settled reading is off there at its
+    begin. What is left of a run counts as `BUMP_COUNT` errors that know nothing of one another."""
+    middle, size = float(np.mean([one.driving[0] for one in runs])), 2 + 2 * len(runs)
+    columns = [[0, 1, 2 + 2 * i, 3 + 2 * i] for i in range(len(runs))]  # offset, gain, a run's own offset and excess
+    lags = [_lagged(one, tau) for one in runs]
+    rests = [one.reading - lagged for one, (lagged, _) in zip(runs, lags, strict=True)]
+    designs = [np.column_stack([held**0, lagged - middle, held**0, held]) for lagged, held in lags]
+    normal, right = np.zeros((size, size)), np.zeros(size)
+    for at, design, rest in zip(columns, designs, rests, strict=True):
+        normal[np.ix_(at, at)] += design.T @ design / rest.size
+        right[at] += design.T @ rest / rest.size
+    apart = [one.reading - one.driving for one in runs]
+    known_to = np.full(size, np.inf)
+    known_to[0] = np.sqrt(np.mean([np.mean(off**2) + one.noise**2 for one, off in zip(runs, apart, strict=True)]))
+    known_to[2::2] = [one.least for one in runs]
+    known_to[3::2] = [np.abs(off).max() + one.noise for one, off in zip(runs, apart, strict=True)]
+    still = np.where(np.arange(size) == 1, GAIN_SPREAD**-2.0 / GRID_STEPS, 0.0)
+    square = float(np.mean([np.var(rest) + one.noise**2 for one, rest in zip(runs, rests, strict=True)]))
+    for _ in range(ROUNDS):
+        prior = square * np.diag(still + known_to**-2.0 / BUMP_COUNT)
+        found = np.linalg.lstsq(normal + prior, right, rcond=None)[0]
+        left = [rest - design @ found[at] for at, design, rest in zip(columns, designs, rests, strict=True)]
+        square = float(np.mean([np.mean(r**2) + one.noise**2 for one, r in zip(runs, left, strict=True)]))
+    misfit = 0.5 * (BUMP_COUNT * len(runs) * np.log(square) + float(((found / known_to) ** 2).sum()))
+    shown = [lagged + held * found[at[-1]] for at, (lagged, held) in zip(columns, lags, strict=True)]
+    begins = found[0] + found[2::2] + found[1] * (np.array([one.driving[0] for one in runs]) - middle)
+    return misfit, shown, begins.tolist()
+
+
+def _followed(run: _OnGrid, tau: float, shown: Array, settled: float) -> Followed:
+    early = run.time_s <= max(run.time_s[0] + EARLY_SHARE * tau, run.time_s[min(2, run.time_s.size - 1)])
+    apart = float(np.mean(run.apart[early]))
+    excess = (apart - settled) / float(np.mean(np.exp((run.time_s[0] - run.time_s[early]) / tau)))
+    if not _forgets(excess, run.grid - run.grid[0], run.driving, run.reading, tau, run.least):
         excess = 0.0
-    return Followed(grid, np.abs(driving - shown), tau, noise, excess, max(abs(excess), abs(apart), least))
+    known_to = max(abs(excess), abs(apart), run.least)
+    return Followed(run.grid, np.abs(run.driving - shown), tau, run.noise, excess, known_to)
 
 
 def _forgets(excess: float, since_s: Array, air: Array, reading: Array, tau: float, least: float) -> bool:

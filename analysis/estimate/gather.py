@@ -326,14 +326,19 @@ _BOTH = (TEMPERATURE, HUMIDITY)
 
 
 def _half_way_s(timed: list[UsableRun], quantity: Quantity) -> float:
-    """Typical time to half of the step [s]; NaN where no run tells."""
+    """Typical time to half of the step [s], at least that between two readings; NaN where no run tells."""
     halves = [
         half_way_s(one.trace.time_s - one.start_s, one.trace.values[quantity.column])
         for one in timed
         if one.air is None and np.ptp(one.trace.values[quantity.column]) > quantity.least_step
     ]
     told = [half for half in halves if np.isfinite(half)]
-    return max(float(np.median(told)), 1e-3) if told else float("nan")
+    return max(float(np.median(told)), _period_s(timed)) if told else float("nan")
+
+
+def _period_s(runs: list[UsableRun]) -> float:
+    """Typical time between two readings [s]."""
+    return float(np.median(np.concatenate([np.diff(one.trace.time_s) for one in runs])))
 
 
 def _tempo(half: float) -> float:
@@ -345,8 +350,8 @@ def _tempo(half: float) -> float:
 
 
 def _unfit(one: UsableRun, quantity: Quantity, tempo: float, half_s: float) -> str | None:
-    """Why a run cannot be used; None where it can. A sensor halfway in `half_s` needs no longer record than a few of
-    these."""
+    """Why a run cannot be used; None where it can. A sensor halfway in `half_s` needs no longer
+    plateau than a few of these."""
     time, start = one.trace.time_s, one.start_s
     if one.air is not None:
         return None
@@ -464,7 +469,7 @@ def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
         return None
     starts = np.array([one.start_s for one in usable])
     conditions = _conditions(usable, quantity, tempo, half_s)
-    period = float(np.median(np.concatenate([np.diff(one.trace.time_s) for one in usable])))
+    period = _period_s(usable)
     # Times of the samples carry their own rounding; the nominal grid is used for lags only, never for the response.
     samples = tuple(
         (one.trace.time_s - start, one.trace.values[quantity.column]) for one, start in zip(usable, starts, strict=True)
@@ -473,7 +478,9 @@ def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
     air = tuple(one.air for one in usable)
     driven, reference_noise = any(one is not None for one in air), 0.0
     if driven:
-        followed = [_followed(t, y, a, quantity) for (t, y), a in zip(samples, air, strict=True)]
+        followed = _followed(samples, air, quantity)
+        if not np.isfinite(half_s):
+            tempo = _tempo(max(float(np.log(2.0) * np.median([one.time_constant_s for one in followed])), period))
         edges = edges_of_driven(first, last, period, followed)
         conditions = _with_scatter_before(conditions, quantity, air, followed)
         begin = (float(t[0]) for t, _ in samples)
@@ -538,10 +545,17 @@ def _ambients(
     return ambient, ambients, between_ambients(conditions.destination_c, ambient, ambients)
 
 
-def _followed(time: Array, value: Array, air: MeasuredAir | None, quantity: Quantity) -> Followed:
-    if air is None:
-        return follow_step(time, value, quantity.resolution)
-    return follow(time, value, air.time_s, quantity.of_air(air), quantity.resolution)
+def _followed(
+    samples: Sequence[tuple[Array, Array]], airs: Sequence[MeasuredAir | None], quantity: Quantity
+) -> list[Followed]:
+    runs = [
+        (t, y, air.time_s, quantity.of_air(air)) for (t, y), air in zip(samples, airs, strict=True) if air is not None
+    ]
+    behind = iter(follow(runs, quantity.resolution))
+    return [
+        follow_step(t, y, quantity.resolution) if air is None else next(behind)
+        for (t, y), air in zip(samples, airs, strict=True)
+    ]
 
 
 def _as_driven(

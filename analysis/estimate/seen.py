@@ -60,8 +60,8 @@ def seen(channel: Channel) -> tuple[RunSeen, ...]:
             times_s, at_most = _crossings(since_seen(time), (value - begin) / (end - begin), bool(triggered))
             found.append(RunSeen(run, begin, end, times_s, None, at_most))
         else:
-            lag = follow(time, value, air.time_s, channel.trace_of(air), channel.quantity.resolution).time_constant_s
-            found.append(RunSeen(run, begin, end, None, lag))
+            (alone,) = follow([(time, value, air.time_s, channel.trace_of(air))], channel.quantity.resolution)
+            found.append(RunSeen(run, begin, end, None, alone.time_constant_s))
     return tuple(found)
 
 

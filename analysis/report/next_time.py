@@ -119,12 +119,10 @@ def _length(channels: Sequence[Channel]) -> str:
 
 def _settled(channels: Sequence[Channel]) -> str:
     for channel in channels:
-        for (time, value), air in zip(channel.samples, channel.air, strict=True):
-            if air is None:
-                continue
-            trace = channel.trace_of(air)
-            if follow(time, value, air.time_s, trace, channel.quantity.resolution).excess:
-                return "Let the sensor settle before the record begins: it was still on its way from another air."
+        pairs = zip(channel.samples, channel.air, strict=True)
+        runs = [(*one, air.time_s, channel.trace_of(air)) for one, air in pairs if air is not None]
+        if runs and any(run.excess for run in follow(runs, channel.quantity.resolution)):
+            return "Let the sensor settle before the record begins: it was still on its way from another air."
     return ""
 
 
