@@ -258,6 +258,7 @@ Samples = Sequence[tuple[Array, Array]]
 
 # (until s after the transfer, width s) for sensors of the tempo that this was laid out for.
 BIN_PLAN = ((2.5, 0.1), (6.0, 0.2), (12.0, 0.4), (24.0, 0.8), (48.0, 1.6), (100.0, 3.2), (1e9, 10.0))
+FAR_SHARE = 0.1  # of its distance from the transfer: a bin that is wider than all others may be as wide
 BEFORE_S = 1.2  # width of a bin of the plateau before the transfer
 STARTS_WITHIN = 3.0  # standard deviations of a start that nobody recorded, within which it is looked for
 WIDENING = 0.25  # of a bin's distance from a start that nobody recorded: it is no wider
@@ -302,7 +303,9 @@ def edges_after_transfer(
     narrow = min(max(fine * half, 0.1 * tempo, period_s), wide)
     uncertain = np.arange(near, min(open_s, -first_s), narrow)
     begin = near + narrow * uncertain.size
-    before = -np.arange(begin, max(-first_s, begin + 0.1 * tempo) + wide, wide)[::-1]
+    before = [begin]
+    while before[-1] < max(-first_s, begin + 0.1 * tempo):
+        before.append(before[-1] + max(wide, FAR_SHARE * before[-1]))
     close, apart = np.arange(-near + period_s, 0.0, max(0.1 * tempo, period_s)), np.inf
     after = [0.0]
     if open_s > 0.0:
@@ -314,9 +317,10 @@ def edges_after_transfer(
         close = close[close > -near]
     for until, width in BIN_PLAN:
         while after[-1] < min(until * tempo, last_s) - 1e-9:
-            widest = min(width * tempo, fine * (half + after[-1]), apart * after[-1])
+            far = FAR_SHARE * after[-1] if width == BIN_PLAN[-1][1] else 0.0
+            widest = min(max(width * tempo, far), fine * (half + after[-1]), apart * after[-1])
             after.append(after[-1] + max(widest, period_s))
-    return np.concatenate([before, -uncertain[::-1], close, after])
+    return np.concatenate([-np.array(before[::-1]), -uncertain[::-1], close, after])
 
 
 def _widening(until_s: float, widest_s: float, period_s: float) -> Array:

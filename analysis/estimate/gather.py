@@ -199,7 +199,7 @@ UNKNOWN_AMBIENT_WIDTH_K = 5.0  # of rooms and boxes that nobody measured; how D 
 SLIGHT_STEP = 0.1  # of the largest step
 UNSETTLED = "not settled before the transfer"  # why a run is left out whose plateau drifts
 FEWEST_AFTER = 6  # readings after a transfer
-SHORTEST_BEFORE, SHORTEST_AFTER = 2.0, 7.0  # records around a transfer, in times to half of the step; else 1 s and 5 s
+SHORTEST_BEFORE = 2.0  # a record before a transfer, in times to half of the step; else 1 s
 
 
 @dataclass(frozen=True)
@@ -367,12 +367,8 @@ def _unfit(one: UsableRun, quantity: Quantity, tempo: float, half_s: float) -> s
             f"had settled, a stated air does not: record {fewest} samples and {least_s:.2g} s before it, or more"
         )
     after_s, after = max(time[-1] - start, 0.0), int((time > start).sum())
-    least_s = min(SHORTEST_AFTER * half, 5.0)
-    if after_s < least_s or after < FEWEST_AFTER:
-        return (
-            f"too short: {after_s:.1f} s and {after} samples after the transfer: record {FEWEST_AFTER} samples and "
-            f"{least_s:.2g} s after it, or more"
-        )
+    if after < FEWEST_AFTER:
+        return f"too short: {after_s:.1f} s and {after} samples after the transfer: record {FEWEST_AFTER} or more"
     begun = max(start, time[0])
     near = time[(time > begun - 2 * period - 0.5 * tempo) & (time < begun + 3.0 * tempo + 6 * period)]
     gap = float(np.diff(near).max()) if near.size > 1 else np.inf
