@@ -55,7 +55,6 @@ def _passed(air: MeasuredAir, body: Modes) -> float:
 
 GRID_STEPS = 4000  # steps over a record on which a sensor is followed roughly
 LAGS_TRIED, SLOWEST_LAG = 40, 5.0  # time constants; the longest in units of the record
-ROUNDS = 3  # in which what is left tells how well offsets are known, and these what is left
 GAIN_SPREAD = 0.03  # of two sensors in one air, relative: a trace that stands still tells nothing of it
 MOST_BENDING = 0.5  # of the noise of a bin's mean: how much a bin may bend
 FASTER_PART = 3.0  # a response is taken to have a part that is so much faster than the whole
@@ -173,11 +172,10 @@ def _behind(runs: Sequence[_OnGrid], tau: float) -> tuple[float, list[Array], li
     known_to[3::2] = [np.abs(off).max() + one.noise for one, off in zip(runs, apart, strict=True)]
     still = np.where(np.arange(size) == 1, GAIN_SPREAD**-2.0 / GRID_STEPS, 0.0)
     square = float(np.mean([np.var(rest) + one.noise**2 for one, rest in zip(runs, rests, strict=True)]))
-    for _ in range(ROUNDS):
-        prior = square * np.diag(still + known_to**-2.0 / BUMP_COUNT)
-        found = np.linalg.lstsq(normal + prior, right, rcond=None)[0]
-        left = [rest - design @ found[at] for at, design, rest in zip(columns, designs, rests, strict=True)]
-        square = float(np.mean([np.mean(r**2) + one.noise**2 for one, r in zip(runs, left, strict=True)]))
+    prior = square * np.diag(still + known_to**-2.0 / BUMP_COUNT)
+    found = np.linalg.lstsq(normal + prior, right, rcond=None)[0]
+    left = [rest - design @ found[at] for at, design, rest in zip(columns, designs, rests, strict=True)]
+    square = float(np.mean([np.mean(r**2) + one.noise**2 for one, r in zip(runs, left, strict=True)]))
     misfit = 0.5 * (BUMP_COUNT * len(runs) * np.log(square) + float(((found / known_to) ** 2).sum()))
     shown = [lagged + held * found[at[-1]] for at, (lagged, held) in zip(columns, lags, strict=True)]
     begins = found[0] + found[2::2] + found[1] * (np.array([one.driving[0] for one in runs]) - middle)
