@@ -19,6 +19,7 @@ from shockrig.analysis.flight.stretches import (
     MOST_SHARE,
     NORM_1,
     NORM_3,
+    ROUNDING_FACTOR,
     STUCK_LEVELS,
     WHITE_SHARE,
 )
@@ -37,7 +38,6 @@ REPEATS_ROWS = 50.0
 TIMES_BY_CHANCE = 2.0  # as many repeats as rounding alone makes
 LASTING_ROWS = 10  # refused readings in a row, after which they are the sensor's
 NEAR_CODE = 1e-4
-ROUNDING_FACTOR = 1.001  # of a step, what single precision makes of two readings that differ by it
 CODES_WITHIN: dict[str, tuple[float, ...]] = {
     name: tuple(sorted(code for code in CODES[name] if low <= code <= high))
     for name, low, high in (("temperature", -100.0, 150.0), ("humidity", -10.0, 130.0))

@@ -508,6 +508,7 @@ def unseen_jumps(
 Rows = NDArray[np.int64]
 Sites = tuple[Array, Array]  # readings and variances of the Gaussians that stand for intervals
 NEARLY_AT_REST = 0.1  # of a step: at rest the likelihood has no slope in what stands for the intervals
+MISSED_PERIODS = 1.6  # between two readings: beyond, one is missing
 LONGEST_BRIDGE_S = 60.0  # beyond, a gap parts the flight
 SEGMENT_SAMPLES = 250  # samples over which the air's turbulence intensity is taken as one, at least
 SEGMENT_LAGS = 12.0  # and so many of the sensor's time constants, or a slow sensor cannot tell it
@@ -613,10 +614,10 @@ def estimate(
         also, nats = unseen_jumps(track, on.bridged, _shown(on, strengths.loud), jumps, found)
         found, local = _of_samples(on, variance, brief, noise_factor, jumps, also, found, local, strengths)
     else:
-        of_stairs = _of_stairs(on, variance, noise_variance, rounding, jumps, local, strengths, known_s)
-        found, local, stays, more, nats, steady = of_stairs
-        if more is not None:
-            jumps, broken = more[0], breaks(track, *more)
+        stairs = _of_stairs(on, variance, noise_variance, rounding, jumps, local, strengths, known_s)
+        found, local, stays, nats, steady = stairs.found, stairs.local, stairs.stays, stairs.nats, stairs.steady
+        if stairs.more is not None:
+            jumps, broken = stairs.more[0], breaks(track, *stairs.more)
     every = found.air, found.variance + stays, found.clean, stays, steady
     air, node_variance, clean, staying, steady = (np.interp(time_s, track.time_s, v) for v in every)
     typical = local.each(lambda strength: np.median(strength, keepdims=True))
@@ -723,7 +724,22 @@ def _shown(on: OnNodes, loud: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Nodes (n,) at which the air's moves show: that were read, out of bursts, and between any two of these as near as
     the log's rows, or as the sensor's lag lets the second tell of what was before it."""
     calm = on.measured & ~loud if (on.measured & ~loud).any() else on.measured
-    return np.asarray(calm | _brief(on.track.time_s, calm, max(on.slowest_s, 1.6 * on.parts * on.track.period_s)))
+    longest_s = max(on.slowest_s, MISSED_PERIODS * on.parts * on.track.period_s)
+    return np.asarray(calm | _brief(on.track.time_s, calm, longest_s))
+
+
+@dataclass(frozen=True)
+class Stairs:
+    """What readings in steps show: their sweep and its strengths, the variance (n,) that what stays leaves besides, the
+    jumps with those that these strengths alone show and the sweep that has their scores, if any, what jumps that nobody
+    saw add to minus the log-likelihood, and the variance (n,) without these."""
+
+    found: Sweep
+    local: Prior
+    stays: Array
+    more: tuple[Jumps, Sweep] | None
+    nats: float
+    steady: Array
 
 
 def _of_stairs(
@@ -735,10 +751,8 @@ def _of_stairs(
     local: Prior,
     strengths: StrengthsOfFlight,
     known_s: Array,
-) -> tuple[Sweep, Prior, Array, tuple[Jumps, Sweep] | None, float, Array]:
-    """The sweep of readings in steps of `rounding` (rows,), its strengths, the variance (n,) that what stays leaves
-    besides, the jumps with those that these strengths alone show, with the sweep that has their scores, if any,
-    what jumps that nobody saw add to minus the log-likelihood, and the variance (n,) without these."""
+) -> Stairs:
+    """What readings in steps of `rounding` (rows,) show."""
     steps = rounding[on.row]
     own = np.sqrt(np.maximum(noise_variance[on.row] - steps**2 / 12.0, 0.0))
     given = on.track, on.bridged, variance, steps, own
@@ -765,7 +779,7 @@ def _of_stairs(
         found = swept(on.track, *sites, local, also, scored=False)
     level = np.where(on.measured, np.round(on.bridged / steps), np.nan)
     least = within_a_step(on.track.time_s, level, steps, own, STILL_LAGS * on.slowest_s)
-    return found, local, np.maximum(least - found.variance, 0.0), new, nats, steady
+    return Stairs(found, local, np.maximum(least - found.variance, 0.0), new, nats, steady)
 
 
 def _strengths(
@@ -948,7 +962,8 @@ def _nodes(time_s: Array, period: float, delay_s: float) -> tuple[Array, NDArray
     """Times of the samples with the gaps filled, and after the last one as far as the delay; row of each, -1 for a
     filling."""
     ahead = np.diff(time_s, append=time_s[-1] + delay_s + period * (1 if delay_s else 0))
-    fill = np.where((ahead > 1.6 * period) & (ahead <= LONGEST_BRIDGE_S), np.round(ahead / period) - 1, 0).astype(int)
+    missed = (ahead > MISSED_PERIODS * period) & (ahead <= LONGEST_BRIDGE_S)
+    fill = np.where(missed, np.round(ahead / period) - 1, 0).astype(int)
     if delay_s:
         fill[-1] = int(np.ceil(delay_s / period)) + 1
         ahead[-1] = period * (fill[-1] + 1)

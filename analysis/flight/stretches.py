@@ -43,6 +43,7 @@ FARTHEST_SWINGS = 2.0  # times what air swings: from a heated room into winter, 
 RETURN_SHARE = 0.5  # of a jump, that one back is at least where the air moved in between
 DEGF_SHARE = 0.1  # of a jump, that readings in degF are away from those on its other side
 APART_SHARE = 0.3  # of a jump, that the readings after another are away from those before
+ROUNDING_FACTOR = 1.001  # of a step, what single precision makes of two readings that differ by it
 STUCK_LEVELS = 1.5  # steps of the log about a level that a stuck sensor stays within, dither and all
 BY_CHANCE = 1e-6  # probability that noise alone keeps so many readings there
 NORM_3 = np.sqrt(20.0)  # of the third difference of white noise, over its standard deviation
@@ -254,7 +255,7 @@ def _louder(values: Array, usual: float, step: float, least: Callable[[int], Arr
         turned = np.pad(np.where(out * back < 0.0, np.minimum(np.abs(out), np.abs(back)), 0.0), 1, mode="edge")
         loud &= uniform_filter1d(turned, window) > LEAST_TURNED * third
         # so does air at the edge of a code, but by one step at a time
-        loud &= maximum_filter1d(turned, window) > 1.001 * step
+        loud &= maximum_filter1d(turned, window) > ROUNDING_FACTOR * step
         # a window's median sees a burst from its middle to its middle; its rows at either end are as loud
         loud, wider = maximum_filter1d(loud, 5), maximum_filter1d(third, 5)
         louder = np.maximum(louder, np.where(loud, wider, 0.0))
