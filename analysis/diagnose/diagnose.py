@@ -40,7 +40,7 @@ from shockrig.files.numbers import counted
 Progress = Callable[[str], None]
 
 MOST_IN_PLACE = 3  # models that are tried, one after another, in the place of one that runs held out refute
-SETTLED = ("adequate", "explained")  # verdicts of a model that leaves nothing, unless another leaves less
+OPEN = ("described", "unexplained")  # verdicts beside which another model may predict
 PARTED = "another_sensor"  # kind of the input's finding that runs fall into groups
 
 
@@ -101,7 +101,8 @@ def diagnose_channel(
     )
     said = verdict(standing)
     predicting = Predicting(found.best, final, causes, (*forms, *shown))
-    if said not in SETTLED or outdone(problem, found):
+    # What is adequate leaves no more than chance: what leaves less of these runs may be anything in others.
+    if said in OPEN or (said == "explained" and outdone(problem, found)):
         predicting = predicting_model(ready, found, predicting, shown)
     return ChannelDiagnosis(
         name=channel.name,
