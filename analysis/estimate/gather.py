@@ -350,8 +350,8 @@ def _tempo(half: float) -> float:
 
 
 def _unfit(one: UsableRun, quantity: Quantity, tempo: float, half_s: float) -> str | None:
-    """Why a run cannot be used; None where it can. A sensor halfway in `half_s` needs no longer
-    plateau than a few of these."""
+    """Why a run cannot be used; None where it can. A sensor that is halfway in `half_s` needs no
+    longer plateau before than a few of these."""
     time, start = one.trace.time_s, one.start_s
     if one.air is not None:
         return None
