@@ -106,6 +106,8 @@ def draw_figures(result: Characterization) -> dict[str, tuple[Drawing, str]]:
             "The same residuals averaged in log time, coloured by what the runs were: a pattern is a missing effect.",
         )
         ratios = relative_runs(found)
+        if not ratios:  # none says anything of its rate by itself
+            continue
         title = f"{found.channel.rate_name}, run / joint"
         figures[f"{name}_by_condition"] = (
             parameter_by_condition(ratios, title, "", (1.0, 0.0), UNIT[name]),
@@ -158,7 +160,8 @@ def write_characterization(
             of_runs = (
                 f"{'Rate' if found.channel.lumped else 'Diffusivity'} of single runs of the {name} channel by condition"
             )
-            blocks.append(figure(f"{name}_by_condition", of_runs))
+            if f"{name}_by_condition" in drawn:
+                blocks.append(figure(f"{name}_by_condition", of_runs))
         blocks.append(Details("How the fit was made", [_search_table(found), Text(_METHOD)]))
         sections.append(Section(f"{name.capitalize()}: {counted(len(found.runs), 'run')}", blocks))
     sections += chosen_section(decisions, folder)

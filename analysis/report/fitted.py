@@ -128,6 +128,8 @@ def drifts(runs: Sequence[RunParameter], result: ChannelResult) -> list[Drift]:
     }
     if result.channel.quantity.pooled:
         columns["ambient"] = np.array([r.ambient_c for r in runs], dtype=float)
+    if not runs:
+        return []
     columns = {k: (x - x.min()) / np.ptp(x) for k, x in columns.items() if np.isfinite(x).all() and np.ptp(x) > 1e-6}
     values = np.log([r.value for r in runs])
     if len(runs) < len(columns) + 4 or not columns:

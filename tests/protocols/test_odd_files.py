@@ -546,3 +546,24 @@ def test_names_of_any_bytes_are_printed(tmp_path):
     strict = os.environ | {"PYTHONIOENCODING": "utf-8:strict"}
     done = subprocess.run(command, cwd=tmp_path, env=strict, capture_output=True, timeout=300)
     assert (done.returncode, done.stderr) == (0, b"") and b"2 runs recorded" in done.stdout
+
+
+def test_runs_that_say_nothing_of_their_rate_alone_have_pages(tmp_path):
+    """A short lag on slow ramps: all runs together tell it, and none by itself to a third."""
+    campaign, rng, time_s = tmp_path / "ramps", np.random.default_rng(1), np.arange(0.0, 9000.0, 30.0)
+    for number, direction in enumerate((1.0, -1.0, 1.0, 1.0), start=1):
+        folder = campaign / "runs" / f"{number:04d}"
+        folder.mkdir(parents=True)
+        (folder / "run.json").write_text(json.dumps({"format": "shock-run/1", "id": folder.name}))
+        slope = direction * 6.0 / time_s[-1]
+        air = 25.0 + slope * time_s
+        for name, values in (("imet", air + slope * 80.0 * np.expm1(-time_s / 80.0)), ("air", air)):
+            noisy = values + rng.normal(0.0, 0.02, time_s.size)
+            rows = "".join(f"{t:g},{v:.3f}\n" for t, v in zip(time_s, noisy, strict=True))
+            (folder / f"{name}.csv").write_text("time_s,temperature_c\n" + rows)
+    sensors = {"imet": {"kind": "as logged", "body": "lumped"}}
+    document = {"format": "shock-campaign/1", "name": "ramps", "sensors": sensors}
+    (campaign / "campaign.json").write_text(json.dumps(document))
+    for command in ("characterize", "diagnose"):
+        assert main([command, str(campaign), "--out", str(tmp_path / command)]) == 0
+    assert "cannot be set against single conditions" in (tmp_path / "diagnose" / "report.html").read_text()
