@@ -13,7 +13,7 @@ from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import model_at_samples, model_between_samples
 from shockrig.analysis.estimate.quantity import QUANTITIES
 from shockrig.analysis.report.fit_figures import ResidualRun, RunParameter
-from shockrig.analysis.report.panels import RunPanel
+from shockrig.analysis.report.panels import RunPanel, times_named
 from shockrig.files.campaign import Campaign, Trace
 from shockrig.files.campaign_views import zero_of
 from shockrig.files.figures import CYCLE, INK, LIGHT, literal, notebook_figure, styled
@@ -221,7 +221,7 @@ def _draw(steps: Axes, left: Axes, shown: Sequence[RunPanel], noise: float) -> N
         left.plot(time, (panel.reading - model)[order], ".", color=colour, markersize=1.8, alpha=0.6)
     left.axhspan(-2 * noise, 2 * noise, color=LIGHT, lw=0)
     left.axhline(0.0, color=INK, lw=0.6)
-    ticks = [t for t in (-5, 0, 1, 5, 20, 60, 150, 400, 1000, 3000) if first_s <= t <= last_s]
+    ticks = times_named(first_s, last_s).tolist()
     for axes in (steps, left):
         # Time by its square root, so that the rise and the plateau can both be read.
         axes.set_xscale("function", functions=(_root, _square))

@@ -121,7 +121,8 @@ LEFT_IN, RIGHT_IN, BOTTOM_IN, TOP_IN = 0.6, 0.1, 0.45, 0.6  # margins of the fig
 ACROSS_IN, DOWN_IN, BETWEEN_IN = 0.42, 0.5, 0.08  # between two runs, and between readings and residuals
 LOW_SHARE = 0.27  # of a run's height that is the residuals'
 EARLIEST_S = -10.0  # what is shown before a transfer
-TIMES_S = (-5, 0, 1, 5, 20, 60, 150, 400, 1000)  # that are named
+TIMES_S = (-5, 0, 1, 5, 20, 60, 150, 400, 1000, 3000, 10_000, 30_000, 100_000)  # that are named
+NAMED_APART = 0.08  # of the axis, that two of them are apart
 MARGIN = 0.05  # of the range of readings, above and below
 
 
@@ -266,8 +267,14 @@ def _range(panel: RunPanel) -> tuple[float, float]:
     return low - margin, high + margin
 
 
-def _times_named(box: _Box) -> Array:
-    return np.array([t for t in TIMES_S if box.times_s[0] <= t <= box.times_s[1]], dtype=float)
+def times_named(first_s: float, last_s: float) -> Array:
+    """Times of an axis that goes by their square root [s], so far apart that each can be read."""
+    apart = NAMED_APART * float(np.ptp(_root(np.array([first_s, last_s]))))
+    named: list[float] = []
+    for time in (float(t) for t in TIMES_S if first_s <= t <= last_s):
+        if not named or np.ptp(_root(np.array([named[-1], time]))) > apart:
+            named.append(time)
+    return np.array(named)
 
 
 def _values_named(box: _Box) -> tuple[Array, list[str]]:
@@ -291,7 +298,7 @@ def _letters(axes: Axes, panel: RunPanel, top: _Box, low: _Box, unit: str, time:
     ticks, names = _values_named(top)
     for y, name in zip(top.y(ticks), names, strict=True):
         write(top.left - 0.04, y, name, ha="right", va="center")
-    named = _times_named(low)
+    named = times_named(*low.times_s)
     for x, second in zip(low.x(named), named, strict=True):
         write(x, low.bottom - 0.04, f"{second:.0f}".replace("-", "−"), ha="center", va="top")
     if unit:
@@ -309,7 +316,7 @@ def _lines(axes: Axes, boxes: Sequence[tuple[RunPanel, _Box, _Box]], noise: floa
     fitted = [(p, p.model, top, low) for p, top, low in boxes if p.model is not None]
     grid = [line for _, top, _ in boxes for line in top.across(_values_named(top)[0])]
     grid += [line for _, _, low in boxes for line in low.across(np.array([-0.56, 0.0, 0.56]) * low.values[1])]
-    grid += [line for _, *two in boxes for box in two for line in box.upright(_times_named(box))]
+    grid += [line for _, *two in boxes for box in two for line in box.upright(times_named(*box.times_s))]
     strokes(axes, grid, color=LIGHT, linewidth=0.5)
     if noise is not None:
         for _, _, low in boxes:

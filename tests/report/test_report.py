@@ -38,7 +38,7 @@ from shockrig.analysis.report.fit_figures import (
     parameter_by_condition,
     residual_overview,
 )
-from shockrig.analysis.report.panels import RunPanel, run_panels
+from shockrig.analysis.report.panels import RunPanel, run_panels, times_named
 from shockrig.files.figures import BLUE, GREY, INK, RED, figure_bytes
 from shockrig.files.numbers import power_of_ten
 
@@ -272,3 +272,15 @@ def test_drawing_leaves_the_callers_settings_alone():
         figure = small_figure()
         assert (matplotlib.rcParams["font.size"], matplotlib.rcParams["axes.grid"]) == (17.0, False)
     assert figure_bytes(figure) == figure_bytes(small_figure())
+
+
+@pytest.mark.parametrize(
+    ("first_s", "last_s", "named"),
+    [
+        (-10.0, 60.0, [-5, 0, 1, 5, 20, 60]),
+        (0.0, 13000.0, [0, 150, 1000, 3000, 10000]),
+        (-2.0, 900.0, [0, 20, 60, 150, 400]),
+    ],
+)
+def test_times_of_an_axis_are_so_far_apart_that_each_can_be_read(first_s, last_s, named):
+    assert times_named(first_s, last_s).tolist() == named
