@@ -257,8 +257,8 @@ Index = NDArray[np.int64]
 Samples = Sequence[tuple[Array, Array]]
 
 # (until s after the transfer, width s) for sensors of the tempo that this was laid out for.
-BIN_PLAN = ((2.5, 0.1), (6.0, 0.2), (12.0, 0.4), (24.0, 0.8), (48.0, 1.6), (100.0, 3.2), (1e9, 10.0))
-FAR_SHARE = 0.1  # of its distance from the transfer: a bin that is wider than all others may be as wide
+BIN_PLAN = ((2.5, 0.1), (6.0, 0.2), (12.0, 0.4), (24.0, 0.8), (48.0, 1.6), (100.0, 3.2))
+FAR_SHARE = 0.1  # of its distance from the transfer: a bin beyond the plan is as wide
 BEFORE_S = 1.2  # width of a bin of the plateau before the transfer
 STARTS_WITHIN = 3.0  # standard deviations of a start that nobody recorded, within which it is looked for
 WIDENING = 0.25  # of a bin's distance from a start that nobody recorded: it is no wider
@@ -315,10 +315,10 @@ def edges_after_transfer(
         after.append(half_period)
         close = half_period - _widening(near + half_period - period_s, 0.1 * tempo, period_s)[:0:-1]
         close = close[close > -near]
-    for until, width in BIN_PLAN:
+    for until, width in (*BIN_PLAN, (np.inf, np.nan)):
         while after[-1] < min(until * tempo, last_s) - 1e-9:
-            far = FAR_SHARE * after[-1] if width == BIN_PLAN[-1][1] else 0.0
-            widest = min(max(width * tempo, far), fine * (half + after[-1]), apart * after[-1])
+            planned = width * tempo if np.isfinite(until) else FAR_SHARE * after[-1]
+            widest = min(planned, fine * (half + after[-1]), apart * after[-1])
             after.append(after[-1] + max(widest, period_s))
     return np.concatenate([-np.array(before[::-1]), -uncertain[::-1], close, after])
 

@@ -118,14 +118,16 @@ def follow(runs: Sequence[tuple[Array, Array, Array, Array]], resolution: float)
     grids = [_on_grid(*run, resolution) for run in runs]
     step, longest = min(one.step for one in grids), max(float(np.ptp(one.grid)) for one in grids)
 
+    known_to = _known_to(grids)
+
     def misfit(tau: float) -> float:
-        return _behind(grids, tau)[0]
+        return _behind(grids, known_to, tau)[0]
 
     taus = np.geomspace(step, SLOWEST_LAG * longest, LAGS_TRIED)
     near = min(taus, key=misfit)
     tau = float(min(near * np.geomspace(taus[0] / taus[1], taus[1] / taus[0], LAGS_TRIED // 2), key=misfit))
-    _, shown, settled = _behind(grids, tau)
-    return [_followed(one, tau, seen, off) for one, seen, off in zip(grids, shown, settled, strict=True)]
+    _, shown, settled = _behind(grids, known_to, tau)
+    return [_as_followed(one, tau, seen, off) for one, seen, off in zip(grids, shown, settled, strict=True)]
 
 
 def _on_grid(time_s: Array, value: Array, air_time_s: Array, air: Array, resolution: float) -> _OnGrid:
@@ -153,11 +155,22 @@ def _lagged(run: _OnGrid, tau: float) -> tuple[Array, Array]:
     return lagged, np.exp((run.grid[0] - run.grid) / tau)
 
 
-def _behind(runs: Sequence[_OnGrid], tau: float) -> tuple[float, list[Array], list[float]]:
+def _known_to(runs: Sequence[_OnGrid]) -> Array:
+    """What is known before any fit of an offset, a gain (nothing), and of each run's own offset and excess (2 + 2 R,):
+    standard deviations about zero."""
+    apart = [one.reading - one.driving for one in runs]
+    known_to = np.full(2 + 2 * len(runs), np.inf)
+    known_to[0] = np.sqrt(np.mean([np.mean(off**2) + one.noise**2 for one, off in zip(runs, apart, strict=True)]))
+    known_to[2::2] = [one.least for one in runs]
+    known_to[3::2] = [np.abs(off).max() + one.noise for one, off in zip(runs, apart, strict=True)]
+    return known_to
+
+
+def _behind(runs: Sequence[_OnGrid], known_to: Array, tau: float) -> tuple[float, list[Array], list[float]]:
     """How ill a lag fits [nats], what it shows of each run (m,), and by how much a settled reading is off there at its
     begin. What is left of a run counts as `BUMP_COUNT` errors that know nothing of one another."""
-    middle, size = float(np.mean([one.driving[0] for one in runs])), 2 + 2 * len(runs)
-    columns = [[0, 1, 2 + 2 * i, 3 + 2 * i] for i in range(len(runs))]  # offset, gain, a run's own offset and excess
+    middle, size = float(np.mean([one.driving[0] for one in runs])), known_to.size
+    columns = [[0, 1, 2 + 2 * i, 3 + 2 * i] for i in range(len(runs))]  # as `_known_to` has them
     lags = [_lagged(one, tau) for one in runs]
     rests = [one.reading - lagged for one, (lagged, _) in zip(runs, lags, strict=True)]
     designs = [np.column_stack([held**0, lagged - middle, held**0, held]) for lagged, held in lags]
@@ -165,11 +178,6 @@ def _behind(runs: Sequence[_OnGrid], tau: float) -> tuple[float, list[Array], li
     for at, design, rest in zip(columns, designs, rests, strict=True):
         normal[np.ix_(at, at)] += design.T @ design / rest.size
         right[at] += design.T @ rest / rest.size
-    apart = [one.reading - one.driving for one in runs]
-    known_to = np.full(size, np.inf)
-    known_to[0] = np.sqrt(np.mean([np.mean(off**2) + one.noise**2 for one, off in zip(runs, apart, strict=True)]))
-    known_to[2::2] = [one.least for one in runs]
-    known_to[3::2] = [np.abs(off).max() + one.noise for one, off in zip(runs, apart, strict=True)]
     still = np.where(np.arange(size) == 1, GAIN_SPREAD**-2.0 / GRID_STEPS, 0.0)
     square = float(np.mean([np.var(rest) + one.noise**2 for one, rest in zip(runs, rests, strict=True)]))
     prior = square * np.diag(still + known_to**-2.0 / BUMP_COUNT)
@@ -182,7 +190,7 @@ def _behind(runs: Sequence[_OnGrid], tau: float) -> tuple[float, list[Array], li
     return misfit, shown, begins.tolist()
 
 
-def _followed(run: _OnGrid, tau: float, shown: Array, settled: float) -> Followed:
+def _as_followed(run: _OnGrid, tau: float, shown: Array, settled: float) -> Followed:
     early = run.time_s <= max(run.time_s[0] + EARLY_SHARE * tau, run.time_s[min(2, run.time_s.size - 1)])
     apart = float(np.mean(run.apart[early]))
     excess = (apart - settled) / float(np.mean(np.exp((run.time_s[0] - run.time_s[early]) / tau)))

@@ -13,7 +13,7 @@ from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import model_at_samples, model_between_samples
 from shockrig.analysis.estimate.quantity import QUANTITIES
 from shockrig.analysis.report.fit_figures import ResidualRun, RunParameter
-from shockrig.analysis.report.panels import RunPanel, times_named
+from shockrig.analysis.report.panels import RunPanel, root_of, times_named
 from shockrig.files.campaign import Campaign, Trace
 from shockrig.files.campaign_views import zero_of
 from shockrig.files.figures import CYCLE, INK, LIGHT, literal, notebook_figure, styled
@@ -121,6 +121,8 @@ def drifts(runs: Sequence[RunParameter], result: ChannelResult) -> list[Drift]:
 
     Conditions that did not vary, or that the campaign varied only together with others, are left out.
     """
+    if not runs:
+        return []
     columns = {
         "airflow": np.array([np.log(r.airflow_m_s) if r.airflow_m_s else np.nan for r in runs]),
         "direction": np.array([1.0 if r.direction == "up" else 0.0 for r in runs]),
@@ -128,8 +130,6 @@ def drifts(runs: Sequence[RunParameter], result: ChannelResult) -> list[Drift]:
     }
     if result.channel.quantity.pooled:
         columns["ambient"] = np.array([r.ambient_c for r in runs], dtype=float)
-    if not runs:
-        return []
     columns = {k: (x - x.min()) / np.ptp(x) for k, x in columns.items() if np.isfinite(x).all() and np.ptp(x) > 1e-6}
     values = np.log([r.value for r in runs])
     if len(runs) < len(columns) + 4 or not columns:
@@ -224,15 +224,11 @@ def _draw(steps: Axes, left: Axes, shown: Sequence[RunPanel], noise: float) -> N
     ticks = times_named(first_s, last_s).tolist()
     for axes in (steps, left):
         # Time by its square root, so that the rise and the plateau can both be read.
-        axes.set_xscale("function", functions=(_root, _square))
+        axes.set_xscale("function", functions=(root_of, _square))
         axes.set_xlim(first_s, last_s)
         axes.xaxis.set_major_locator(FixedLocator(ticks))
         axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axes.set_xlabel("time since the transfer, as fitted, s")
-
-
-def _root(time: np.ndarray) -> np.ndarray:
-    return np.sign(time) * np.sqrt(np.abs(time))
 
 
 def _square(root: np.ndarray) -> np.ndarray:

@@ -157,8 +157,8 @@ class _Box:
 
     def x(self, time_s: Array) -> Array:
         """Where times are [inch]."""
-        first, last = _root(np.array(self.times_s))
-        return np.asarray(self.left + self.width * (_root(np.asarray(time_s)) - first) / (last - first))
+        first, last = root_of(np.array(self.times_s))
+        return np.asarray(self.left + self.width * (root_of(np.asarray(time_s)) - first) / (last - first))
 
     def y(self, value: Array) -> Array:
         """Where values are [inch]."""
@@ -269,10 +269,10 @@ def _range(panel: RunPanel) -> tuple[float, float]:
 
 def times_named(first_s: float, last_s: float) -> Array:
     """Times of an axis that goes by their square root [s], so far apart that each can be read."""
-    apart = NAMED_APART * float(np.ptp(_root(np.array([first_s, last_s]))))
+    apart = NAMED_APART * float(np.ptp(root_of(np.array([first_s, last_s]))))
     named: list[float] = []
     for time in (float(t) for t in TIMES_S if first_s <= t <= last_s):
-        if not named or np.ptp(_root(np.array([named[-1], time]))) > apart:
+        if not named or np.ptp(root_of(np.array([named[-1], time]))) > apart:
             named.append(time)
     return np.array(named)
 
@@ -341,5 +341,6 @@ def _along(box: _Box, time_s: Array, value: Array) -> tuple[Array, Array]:
     return box.shown(time_s[order], value[order])
 
 
-def _root(time: Array) -> Array:
+def root_of(time: Array) -> Array:
+    """Times as an axis has them that goes by their square root, before the transfer as well."""
     return np.asarray(np.sign(time) * np.sqrt(np.abs(time)))
