@@ -8,6 +8,7 @@ and airs that are off by more than is stated of them. What single readings do al
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +25,7 @@ from shockrig.analysis.estimate.quantity import RUN_EFFECT_NAMES, RunEffect
 Array = NDArray[np.float64]
 
 WINDOWS_S = (0.0, 0.15, 0.6, 2.5, 10.0, 30.0, 1e9)
+VARIES_SHARE, VARIES_LEAST = 0.2, 15.0  # of what says most, and of chi-square beyond its mean: less is not said
 KNOTS_S = (0.0, 0.15, 0.4, 1.0, 2.5, 6.0, 15.0, 40.0, 120.0)
 
 
@@ -111,15 +113,31 @@ def _score(right: Array, normal: Array) -> tuple[float, int]:
 
 
 def varies_with(problem: Problem, found: Fit) -> list[str]:
-    """What the residuals of a fit vary with, most first; of those that cannot be told apart, as with two runs, in their
-    usual order."""
-    channel, by_factor = problem.channel, {}
-    basis = time_basis(channel.time_s, channel.tempo)
-    for name, row in _factor_rows(channel).items():
-        statistic, degrees = _score(*found.scores(problem, problem.whiten(basis * row[:, None, None])))
-        by_factor[name] = float(f"{max(statistic - degrees, 0.0):.2g}")
-    most = max(by_factor.values())
-    return [n for n, v in sorted(by_factor.items(), key=lambda i: -i[1]) if v > max(0.2 * most, 15.0)]
+    """What the residuals of a fit vary with, most first: each by what it tells beyond those before it, so that where
+    all steps are about as large neither the step nor its size is named. Of those that tell as much, as with two runs,
+    the first in their usual order."""
+    rows = _factor_rows(problem.channel)
+    basis = time_basis(problem.channel.time_s, problem.channel.tempo)
+    columns = np.concatenate([basis * row[:, None, None] for row in rows.values()], axis=-1)
+    right, normal = found.scores(problem, problem.whiten(columns))
+    own = dict(zip(rows, np.arange(right.size).reshape(len(rows), -1), strict=True))
+
+    def told(names: Sequence[str]) -> float:
+        at = np.concatenate([own[name] for name in names])
+        statistic, degrees = _score(right[at], normal[np.ix_(at, at)])
+        return statistic - degrees
+
+    said: list[str] = []
+    before = most = 0.0
+    while len(said) < len(rows):
+        more = {name: float(f"{told([*said, name]) - before:.2g}") for name in rows if name not in said}
+        best = max(more, key=more.__getitem__)
+        most = most or more[best]
+        if not more[best] > max(VARIES_SHARE * most, VARIES_LEAST):
+            break
+        said.append(best)
+        before = told(said)
+    return said
 
 
 def when_largest(channel: Channel, found: Fit, noise: Noise) -> tuple[float, float]:

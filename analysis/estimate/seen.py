@@ -77,16 +77,14 @@ def by_itself(channel: Channel) -> tuple[float, float] | None:
 
 def _crossings(time: Array, share: Array, triggered: bool) -> tuple[tuple[float, float], bool]:
     """Times at which a share of the way is passed [s]: straight between the two readings around it, or that of the
-    later where the first of them lies too far back; where noise takes a reading over it and back, midway between the
-    first time and the last.
+    later where the first of them lies too far back. Fewest readings are then on the wrong side of it, so that a burst
+    of noise is no crossing; where as few are between two such times, it is midway.
     """
     times, later, earlier, apart = [], [], [], []
     for wanted in SHARES_OF_STEP:
-        first = int(np.argmax(share >= wanted))
-        far = share >= 0.5 * (1.0 + wanted)
-        short = np.flatnonzero(share[: int(np.argmax(far)) if far.any() else share.size] < wanted)
-        last = int(short[-1]) + 1 if short.size else first
-        around = np.array([max(first, 1), max(min(last, share.size - 1), 1)])
+        misplaced = np.concatenate([[0], np.cumsum(np.where(share >= wanted, 1, -1))])
+        fewest = np.flatnonzero(misplaced == misplaced.min())
+        around = np.clip(fewest[[0, -1]], 1, share.size - 1)
         before = around - 1
         part = np.clip((wanted - share[before]) / (share[around] - share[before]), 0.0, 1.0)
         times.append(float((time[before] + part * (time[around] - time[before])).mean()))

@@ -7,9 +7,14 @@ import numpy as np
 import pytest
 
 from shockrig.analysis.diagnose import remainder
+from shockrig.analysis.diagnose.adequacy import varies_with
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
+from shockrig.analysis.diagnose.prepare import prepare
 from shockrig.analysis.diagnose.remainder import Tolerance, measure_remainder
+from shockrig.analysis.estimate.fit import fit
+from shockrig.analysis.estimate.fit_starts import rough_point
 from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.model import PLAIN
 from shockrig.files.campaign import read_campaign
 
 
@@ -57,3 +62,31 @@ def test_runs_that_differ_in_their_rate_are_not_adequate_because_nobody_recorded
     found = diagnose_channel(build_channel(read_campaign(tmp_path), "temperature"))
     assert found.verdict == "unexplained" and not found.causes
     assert found.final.rate_scatter == pytest.approx(0.064, abs=0.02) and found.remainder.significant
+
+
+@pytest.mark.parametrize(
+    ("steps_k", "slow_down", "said"),
+    [
+        ((20.0, 20.4, 20.2, 19.9, 20.1, 20.3), 0.2, {"nothing: the same in every run"}),
+        ((20.0, -20.0, 10.0, -10.0, 30.0, -30.0), 0.2, {"the step"}),
+        ((20.0, -20.0, 10.0, -10.0, 30.0, -30.0), 0.0, {"the step", "the size of the step"}),
+    ],
+    ids=["steps that are as large", "both ways alike", "slow upwards alone"],
+)
+def test_what_is_left_varies_with_what_tells_more_than_what_is_named_already(tmp_path, steps_k, slow_down, said):
+    """Steps of one size tell neither the step nor its size from what is the same in every run."""
+    random, time = np.random.default_rng(9), np.arange(-30.0, 120.0, 0.5)
+    late = np.maximum(time, 0.0)
+    for run, step_k in enumerate(steps_k, 1):
+        slow = 0.2 if step_k > 0 else slow_down
+        left = (1.0 - slow) * np.exp(-late / 12.0) + slow * np.exp(-late / 36.0)
+        table = np.column_stack([time + 30.0, 20.0 + step_k * (1.0 - left) + random.normal(0.0, 0.02, time.size)])
+        home = tmp_path / "runs" / f"{run:04d}"
+        home.mkdir(parents=True)
+        np.savetxt(home / "imet.csv", table, "%.3f", ",", header="time_s,temperature_c", comments="")
+        (home / "run.json").write_text(json.dumps({"format": "shock-run/1", "id": home.name}))
+    head = {"format": "shock-campaign/1", "name": "lags", "sensors": {"imet": {"kind": "a probe", "body": "lumped"}}}
+    (tmp_path / "campaign.json").write_text(json.dumps(head))
+    problem = prepare(build_channel(read_campaign(tmp_path), "temperature")).problem
+    point = rough_point(problem, PLAIN)
+    assert set(varies_with(problem, fit(problem, PLAIN, point.theta, point.deviations))) == said

@@ -41,6 +41,16 @@ def test_times_to_shares_of_the_way_are_those_of_the_closed_form(whole):
         assert t90 == pytest.approx(TAU_S * np.log(10.0), rel=0.01)
 
 
+def test_a_burst_of_noise_is_no_crossing(whole):
+    """Two seconds beyond the end before the change has gone far, as where somebody touched the sensor."""
+    part = lagging(whole, 1)
+    ((time, value),) = part.samples
+    value = np.where((time > 2.0) & (time < 4.0), 38.0, value)
+    (one,) = seen(replace(part, samples=((time, value),)))
+    assert one.times_s[0] == pytest.approx(-TAU_S * np.log(1.0 - 0.632), rel=0.02)
+    assert one.times_s[1] == pytest.approx(TAU_S * np.log(10.0), rel=0.02)
+
+
 def test_a_campaign_of_which_all_is_known_is_left_to_the_model(whole):
     assert seen_sentence(whole) == ""
     assert next_time([whole]) == []
