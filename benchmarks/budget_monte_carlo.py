@@ -180,7 +180,7 @@ def world(seed: int, draws: int, film_draws: int) -> list[dict[str, object]]:
     lines = []
     for found in result.channels().values():
         made, (part, *_) = budgets(found), found.parts
-        if part.enlarged(found.noise) > 1.0:
+        if part.misfits(found.noise):
             continue  # its budget has a line for a misfit, which drawn readings do not have
         ridge = curvature.ridge(part.problem, part.fit, list(disturbances(part.problem, part.fit).values()))
         many = drawn(part, film_draws if ridge else draws, rng)

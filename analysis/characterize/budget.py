@@ -24,6 +24,7 @@ from shockrig.analysis.characterize.shifts import (
     knows_airflow,
     shifts,
     temperature_slopes,
+    widened,
 )
 from shockrig.analysis.estimate.channel import AMBIENT_WIDTH_K, Channel
 from shockrig.analysis.estimate.model import LEAST_TRIGGER_OFFSET_S, TRIGGER
@@ -217,7 +218,7 @@ def budgets(result: ChannelResult, air: ResponseAir | None = None) -> list[Budge
         place = next(i for i, part in enumerate(result.parts) if row.runs[0] in part.channel.run_ids)
         part = result.parts[place]
         ambient = int(np.argmin(np.abs(part.channel.ambients_c - row.ambient_c)))
-        found += _of_ambient(part, result.noise, inputs[place], ambient, row, air or ResponseAir(), ridges[place])
+        found += _of_ambient(part, inputs[place], ambient, row, air or ResponseAir(), ridges[place])
     return found
 
 
@@ -243,7 +244,7 @@ def diffusivity_at(result: ChannelResult, temperature_c: float) -> Budget | None
         stated_air = replace(_stated(channel, 0, ResponseAir()), temperature_c=temperature_c)
         figures = [(channel.quantity.symbol, "m²/s", value, value * weights)]
         inputs = sources(part, result.noise)
-        return _budgets(part, result.noise, inputs, figures, stated_air, _apart_at_most(result, part, inputs))[0]
+        return _budgets(part, inputs, figures, stated_air, _apart_at_most(result, part))[0]
     return None
 
 
@@ -262,13 +263,12 @@ def mean_diffusivity(result: ChannelResult) -> tuple[Budget, tuple[float, ...]] 
     air = replace(_stated(channel, 0, ResponseAir()), temperature_c=float(wholes.mean()))
     figure = (channel.quantity.symbol, "m²/s", value, slope)
     inputs = sources(part, result.noise)
-    whole = _budgets(part, result.noise, inputs, [figure], air, _apart_at_most(result, part, inputs))[0]
+    whole = _budgets(part, inputs, [figure], air, _apart_at_most(result, part))[0]
     return whole, tuple(sorted(float(t) for t in wholes))
 
 
 def _of_ambient(
     part: Part,
-    noise: Noise,
     inputs: list[Source],
     ambient: int,
     row: TableRow,
@@ -282,7 +282,7 @@ def _of_ambient(
     of_rate[ambient] = row.diffusivity_m2_s
     figures = [(channel.quantity.symbol, "m²/s", row.diffusivity_m2_s, of_rate)]
     figures += [(name, "s", float(times[i]), slopes[i]) for i, name in enumerate(TIMES)]
-    made = _budgets(part, noise, inputs, figures, stated, _apart(part, noise, inputs, ambient, row))
+    made = _budgets(part, inputs, figures, stated, _apart(part, ambient, row))
     if ridge is None:
         return made
     drawn = curvature.drawn(ridge, [log_figure(part, ambient, one) for one in made])
@@ -327,26 +327,23 @@ def _kept(lines: list[Component]) -> tuple[Component, ...]:
     return tuple(sorted(kept, key=lambda line: -line.contribution))
 
 
-def _apart(part: Part, noise: Noise, inputs: list[Source], ambient: int, row: TableRow) -> float:
-    """By how much, relatively, runs that the model misses are apart: what of a row's uncertainty no input explains."""
-    slope = np.zeros(part.fit.theta.size)
-    slope[ambient] = 1.0
-    told = part.enlarged(noise) ** 2 * sum(source.line(slope).contribution ** 2 for source in inputs)
+def _apart(part: Part, ambient: int, row: TableRow) -> float:
+    """What of a row's uncertainty its fit does not know, relatively: how far runs are apart that scatter as no sensor
+    does, and their own times from the model's."""
+    told = float(part.fit.covariance[ambient, ambient])
     whole = (row.standard_uncertainty / row.diffusivity_m2_s) ** 2
     return math.sqrt(whole - told) if whole - told > NO_DIFFERENCE * whole else 0.0
 
 
-def _apart_at_most(result: ChannelResult, part: Part, inputs: list[Source]) -> float:
+def _apart_at_most(result: ChannelResult, part: Part) -> float:
     """The largest of the part's ambients."""
     rows = [row for row in result.rows if row.runs[0] in part.channel.run_ids]
     places = [int(np.argmin(np.abs(part.channel.ambients_c - row.ambient_c))) for row in rows]
-    apart = (_apart(part, result.noise, inputs, g, row) for g, row in zip(places, rows, strict=True))
-    return max(apart, default=0.0)
+    return max((_apart(part, g, row) for g, row in zip(places, rows, strict=True)), default=0.0)
 
 
 def _budgets(
     part: Part,
-    noise: Noise,
     inputs: list[Source],
     figures: list[tuple[str, str, float, Array]],
     stated: ResponseAir,
@@ -354,18 +351,17 @@ def _budgets(
 ) -> list[Budget]:
     """Budgets of figures, each as its name, unit, value, and by how much theta moves it (P,)."""
     channel, made = part.channel, []
-    misfit = part.enlarged(noise)
+    formal = replace(part.fit, covariance=part.fit.arrow.covariance())
+    beyond_formal = part.fit.covariance - widened(part.problem, formal).covariance
     for figure, unit, value, slope in figures:
         lines = [source.line(slope) for source in inputs]
-        variance = sum(line.contribution**2 for line in lines)
         if beyond := _other_airflow(part, stated):
             lines.append(Component("airflow other than the runs'", "B", "normal", beyond, "1", value))
-            variance += lines[-1].contribution ** 2
-        if misfit > 1.0:
-            lines.append(_misfit_line(misfit, math.sqrt(variance), channel.runs))
+        misfit = math.sqrt(max(float(slope @ beyond_formal @ slope), 0.0)) / value
+        lines.append(Component("misfit of the model", "A", "normal", misfit, "1", value, max(channel.runs - 1, 1)))
         if apart > 0.0:
             lines.append(
-                Component("disagreement of the runs", "A", "normal", apart, "1", value, max(channel.runs - 1, 1))
+                Component("runs that the model misses", "A", "normal", apart, "1", value, max(channel.runs - 1, 1))
             )
         made.append(Budget(figure, channel.name, unit, value, stated, _kept(lines)))
     return made
@@ -396,9 +392,3 @@ def _stated(channel: Channel, ambient: int, air: ResponseAir) -> ResponseAir:
     return ResponseAir(
         airflow, temperature, float(np.median(conditions.pressure_hpa)) if pressure is None else pressure
     )
-
-
-def _misfit_line(enlarged: float, uncertainty: float, runs: int) -> Component:
-    """What the uncertainty is enlarged by, because the model leaves more than the noise."""
-    beyond = math.sqrt(enlarged**2 - 1.0)
-    return Component("misfit of the model", "A", "normal", beyond, "1", uncertainty, max(runs - 1, 1))

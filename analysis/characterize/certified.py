@@ -191,8 +191,8 @@ def _notes(result: Characterization) -> list[str]:
             said.append(f"{symbol} is quoted for a {length}; only its ratio to the square of that is observed.")
         if not found.explained:
             said.append(
-                f"The model does not describe the {noun}'s readings down to the noise, and the uncertainty is enlarged "
-                "by as much as they are off: run shockrig diagnose, and certify with --extend."
+                f"The model does not describe the {noun}'s readings down to the noise, and the uncertainty holds what "
+                "it is wrong by: run shockrig diagnose, and certify with --extend."
             )
         if not found.channel.conditions.airflow_known.any():
             said.append(f"Nobody recorded the airflow: the {noun}'s figures hold for the airflow that there was.")

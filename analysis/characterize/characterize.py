@@ -106,7 +106,7 @@ def _with_scatter(result: ChannelResult, scatter: float) -> ChannelResult:
     for part in result.parts:
         problem = part.problem.with_rate_scatter(scatter)
         found = fit(problem, part.fit.structure, part.fit.theta, part.fit.deviations, adapt_scatter=False)
-        parts.append(make_part(problem, found))
+        parts.append(make_part(problem, found, result.noise))
         for row in joint_rows(parts[-1], result.noise, "")[0]:
             searched = rows[row.runs]
             rows[row.runs] = replace(row, basis=searched.basis, evolution=searched.evolution, check=searched.check)

@@ -33,13 +33,14 @@ from shockrig.analysis.estimate.fit_starts import (
 )
 from shockrig.analysis.estimate.model import PLAIN, Held, Model, Point, Structure
 from shockrig.analysis.estimate.noise import Noise, whiteners
+from shockrig.analysis.estimate.predictive import as_stated, bumps, score
 from shockrig.analysis.estimate.problem import UNVENTILATED_LIMIT, Problem, make_problem
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, RunEffect
-from shockrig.analysis.estimate.seen import by_itself
+from shockrig.analysis.estimate.seen import by_themselves
 from shockrig.files.causes import StatedEffect
 from shockrig.files.diagnosis import read_diagnosis
 from shockrig.files.diagnosis_data import Discovered
-from shockrig.files.numbers import counted
+from shockrig.files.numbers import counted, plain
 from shockrig.files.profile import ResponseTime, Uncertain
 
 
@@ -193,7 +194,7 @@ def fit_part(
         again = descended_point(problem, extension.structure)
         second = unstuck(problem, fit(problem, extension.structure, again.theta, again.deviations))
         found = second if second.deviance < found.deviance - SAME_DEVIANCE else found
-    part = make_part(problem, labelled(problem, found))
+    part = make_part(problem, labelled(problem, found), noise)
     rows, undetermined = joint_rows(part, noise, basis, optima)
     return part, rows, undetermined
 
@@ -228,8 +229,12 @@ def labelled(problem: Problem, found: Fit) -> Fit:
     return found
 
 
-def make_part(problem: Problem, found: Fit) -> Part:
-    """A fit with what else may be off in all runs alike in its covariance, and its RMSE."""
+def make_part(problem: Problem, found: Fit, noise: Noise) -> Part:
+    """A fit with its RMSE, as uncertain as what else may be off in all runs alike makes it, and, where it misfits, what
+    its model is wrong by."""
+    if Part(problem, found, rmse_over_samples(problem.channel, found)).misfits(noise):
+        bump = bumps(problem)
+        found = as_stated(problem, found, bump, score(problem, found, bump).discrepancy, than_runs=True)
     return Part(problem, widened(problem, found), rmse_over_samples(problem.channel, found))
 
 
@@ -249,12 +254,15 @@ def fit_parts(
     for channel, models in groups:
         fitted = quick_part if quickly else fit_part
         part, found, undetermined = fitted(channel, noise, models, seed, rounding, say)
-        rows += found
+        found = as_far_off(part, noise, found)
+        known = [row for row in found if row.standard_uncertainty < row.diffusivity_m2_s]
+        rows += known
         set_aside += undetermined
-        if found:
+        set_aside += [
+            LeftOut(run, whole.name, _misfits(channel)) for row in found if row not in known for run in row.runs
+        ]
+        if known:
             parts.append(part)
-    if rows and whole.runs == 1 and parts[0].enlarged(noise) > 1.0 and (shown := by_itself(whole)) is not None:
-        rows = [as_far_off(row, shown[0]) for row in rows]
     return parts, rows, set_aside
 
 
@@ -273,7 +281,7 @@ def quick_part(
         point = rough_point(problem, extension.structure, extension.starts)
         theta = Model(channel, extension.structure).start(point.theta[: channel.rates], dict(extension.starts or {}))
         found = unstuck(problem, fit(problem, extension.structure, theta, point.deviations))
-        parts[basis] = make_part(problem, labelled(problem, found))
+        parts[basis] = make_part(problem, labelled(problem, found), noise)
     basis = min(parts, key=lambda name: parts[name].rmse)
     rows, undetermined = joint_rows(parts[basis], noise, basis)
     return parts[basis], rows, undetermined
@@ -287,22 +295,21 @@ def joint_rows(
     `optima` are each ambient's findings of the two optimisers, where they were asked.
     """
     channel, found = part.channel, part.fit
-    enlarged = part.enlarged(noise)
     most = min(FAR_DEVIATED * part.problem.rate_scatter_limit, UNVENTILATED_LIMIT)
     scattered = found.deviations[:, RunEffect.RATE].std() > most
-    apart = _apart(part) if enlarged > 1.0 or scattered else np.zeros(channel.ambients_c.size)
+    apart = _apart(part) if scattered else np.zeros(channel.ambients_c.size)
     rows: list[TableRow] = []
     undetermined: list[LeftOut] = []
     for g, (first, check) in enumerate(optima or [(None, None)] * channel.ambients_c.size):
         runs = tuple(channel.run_ids[i] for i in np.flatnonzero(channel.ambient == g))
-        relative = float(np.hypot(enlarged * np.sqrt(max(found.covariance[g, g], 0.0)), apart[g]))
+        relative = float(np.hypot(np.sqrt(max(found.covariance[g, g], 0.0)), apart[g]))
         low, high = np.log(RATE_BOUNDS_PER_S)
         response = None
         if 0.0 < relative and low < found.theta[g] < high:
-            response = _wider(response_time(channel, found, g, enlarged), float(apart[g]))
+            response = _wider(response_time(channel, found, g), float(apart[g]))
         # With two time constants in the model either may be the body's: how fast the sensor is, is told all the same.
         if response is None or not min(relative, _relative(response)) < WORST_RELATIVE:
-            reason = _undetermined(channel, float(channel.ambients_c[g]), float(apart[g]), misfits=enlarged > 1.0)
+            reason = _undetermined(channel, float(channel.ambients_c[g]), float(apart[g]), misfits=part.misfits(noise))
             undetermined += [LeftOut(run, channel.name, reason) for run in runs]
             continue
         value = float(np.exp(found.theta[g]) * channel.length_m**2)
@@ -349,14 +356,24 @@ def _wider(response: ResponseTime, relative: float) -> ResponseTime:
     return replace(response, standard_uncertainties_s=(first, second, third))
 
 
-def as_far_off(row: TableRow, t63_s: float) -> TableRow:
-    """A row of a model that misses its only run, with the distance to that run's own time to 63 % [s] as uncertainty.
+def as_far_off(part: Part, noise: Noise, rows: Sequence[TableRow]) -> list[TableRow]:
+    """Rows of a model that misfits, as uncertain as its runs by themselves are far from it: where a model is wrong
+    alike in all runs, no run that others predict tells by how much.
 
-    No other run tells how wrong the model is.
+    Far is how far apart the rates are that single runs have, or the model's time to 63 % from the one that readings
+    show by no model, whichever is more.
     """
-    away = abs(float(np.log(row.response.t63_s / t63_s)))
-    uncertainty = float(np.hypot(row.standard_uncertainty, away * row.diffusivity_m2_s))
-    return replace(row, standard_uncertainty=uncertainty, response=_wider(row.response, away))
+    if not rows or not part.misfits(noise):
+        return list(rows)
+    channel, shown, apart, far = part.channel, by_themselves(part.channel), _apart(part), []
+    for row in rows:
+        away = float(apart[int(np.argmin(np.abs(channel.ambients_c - row.ambient_c)))])
+        if own := [shown[run] for run in row.runs if run in shown]:
+            time_s, unsure = np.median(own, axis=0)
+            away = max(away, float(np.hypot(np.log(row.response.t63_s / time_s), unsure)))
+        uncertainty = float(np.hypot(row.standard_uncertainty, away * row.diffusivity_m2_s))
+        far.append(replace(row, standard_uncertainty=uncertainty, response=_wider(row.response, away)))
+    return far
 
 
 def _relative(response: ResponseTime) -> float:
@@ -367,18 +384,33 @@ def _relative(response: ResponseTime) -> float:
 def _undetermined(channel: Channel, ambient_c: float, apart: float, *, misfits: bool) -> str:
     """Why runs give no diffusivity, and the remedy."""
     symbol = channel.quantity.symbol
-    if apart > WORST_RELATIVE and not misfits:
+    if apart > WORST_RELATIVE:
         return (
-            f"the runs disagree in {symbol} by {apart:.0%}; see that all are of one sensor, and run shockrig diagnose"
+            f"the runs disagree in {symbol} by {apart:.0%}{_shown(channel)}; see that all are of one sensor, and run "
+            "shockrig diagnose"
         )
     if misfits:
-        return (
-            f"the plain model ({channel.body}) fits too badly to give {symbol}; run shockrig diagnose, which tries "
-            "other bodies, or state another body in campaign.json"
-        )
+        return _misfits(channel)
     if channel.quantity.pooled:
         return f"does not determine {symbol}; record more runs, or larger steps"
     return f"does not determine {symbol}, alone at {round(ambient_c)} degC; record isothermal shocks there"
+
+
+def _misfits(channel: Channel) -> str:
+    return (
+        f"the plain model ({channel.body}) fits too badly to give {channel.quantity.symbol}{_shown(channel)}; run "
+        "shockrig diagnose, which tries other bodies, or state another body in campaign.json"
+    )
+
+
+def _shown(channel: Channel) -> str:
+    """What runs show where no model is fitted to them; empty where they show nothing."""
+    times_s = sorted(time_s for time_s, unsure in by_themselves(channel).values() if not unsure)
+    if not times_s:
+        return ""
+    ends = dict.fromkeys(plain(times_s[i], 2) for i in (0, -1))
+    what = "they follow the measured air by" if channel.measured.all() else "63 % of the way takes"
+    return f" (seen in the readings, {what} {' to '.join(ends)} s)"
 
 
 def fitted_effects(extension: Extension, part: Part) -> tuple[StatedEffect, ...]:

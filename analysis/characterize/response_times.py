@@ -36,14 +36,14 @@ class ResponseAir:
     pressure_hpa: float | None = None
 
 
-def response_time(channel: Channel, found: Fit, ambient: int, enlarged: float = 1.0) -> ResponseTime:
+def response_time(channel: Channel, found: Fit, ambient: int) -> ResponseTime:
     """Times [s] to 1 - 1/e, 90 and 98 % of a rising step at one ambient (its index), including the sensor's effects.
 
-    Their standard uncertainties come from the covariance of all parameters that move them, times `enlarged`.
+    Their standard uncertainties come from the covariance of all parameters that move them.
     """
     times, slopes = response_slopes(channel, found, ambient)
     variance = np.einsum("ki,ij,kj->k", slopes, found.covariance, slopes)
-    first, second, third = np.minimum(enlarged * np.sqrt(np.maximum(variance, 0.0)), 1e3 * times)
+    first, second, third = np.minimum(np.sqrt(np.maximum(variance, 0.0)), 1e3 * times)
     t63, t90, t98 = times.tolist()
     return ResponseTime(t63, t90, t98, (float(first), float(second), float(third)))
 

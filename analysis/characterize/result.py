@@ -55,30 +55,20 @@ class TableRow:
 
 @dataclass(frozen=True)
 class Part:
-    """Runs fitted together: the least squares problem, its fit, and the RMSE over their samples [channel's unit].
-
-    `allows_for_misfit` says whether the fit's covariance takes in what its model is wrong by.
-    """
+    """Runs fitted together: the least squares problem, its fit, whose covariance takes in what its model is wrong by,
+    and the RMSE over their samples [channel's unit]."""
 
     problem: Problem
     fit: Fit
     rmse: float
-    allows_for_misfit: bool = False
 
     @property
     def channel(self) -> Channel:
         return self.problem.channel
 
-    def enlarged(self, noise: Noise) -> float:
-        """Factor by which the formal uncertainty is too small because the model is wrong.
-
-        It is how many times the residuals, or the runs' start times and airs, are larger than they should be. 1 where
-        they are not, or where the uncertainty allows for it.
-        """
-        if self.allows_for_misfit:
-            return 1.0
-        ratio = max(self.rmse / noise.while_moving, self.normalised_deviation)
-        return ratio if ratio > FAR_ABOVE_NOISE else 1.0
+    def misfits(self, noise: Noise) -> bool:
+        """Whether the residuals, or the runs' start times and airs, are larger than they should be."""
+        return max(self.rmse / noise.while_moving, self.normalised_deviation) > FAR_ABOVE_NOISE
 
     @property
     def normalised_deviation(self) -> float:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from shockrig.analysis.characterize.part_fit import Extension, fit_parts, joint_rows
+from shockrig.analysis.characterize.part_fit import Extension, as_far_off, fit_parts, joint_rows
 from shockrig.analysis.characterize.response_times import response_time
 from shockrig.analysis.characterize.result import (
     ChannelResult,
@@ -24,7 +24,6 @@ from shockrig.analysis.characterize.result import (
 from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis
 from shockrig.analysis.estimate.fit import rmse_over_samples
 from shockrig.analysis.estimate.quantity import ChannelName
-from shockrig.analysis.estimate.seen import by_itself
 from shockrig.files.campaign import Campaign
 from shockrig.files.profile import Profile
 
@@ -41,35 +40,29 @@ def plain_result(found: ChannelDiagnosis) -> ChannelResult | None:
 def extended_result(found: ChannelDiagnosis) -> ChannelResult | None:
     """The channel under the model that predicts, on all runs."""
     fit = found.predicting.fit
-    part = Part(found.problem, fit, rmse_over_samples(found.problem.channel, fit), allows_for_misfit=True)
+    part = Part(found.problem, fit, rmse_over_samples(found.problem.channel, fit))
     rows, undetermined = joint_rows(part, found.noise, "all runs")
     if not rows:
         return None
-    shown = by_itself(found.problem.channel) if found.verdict == "unexplained" and not found.gain.measured else None
-    rows = [_in_doubt(found, row, shown) for row in rows]
+    rows = as_far_off(part, found.noise, [_in_doubt(found, row) for row in rows])
     effects = tuple(cause.as_effect() for cause in found.predicting.causes)
     left_out = [*found.problem.channel.left_out, *undetermined]
     return channel_result(rows, found.noise, effects, [part], left_out, found.predicting.discovered)
 
 
-def _in_doubt(found: ChannelDiagnosis, row: TableRow, shown: tuple[float, float] | None) -> TableRow:
-    """A row as uncertain as the models are apart that are tied with it or stated, each by its weight; `shown` are the
-    times to 63 and 90 % that a single run's readings show.
-    """
+def _in_doubt(found: ChannelDiagnosis, row: TableRow) -> TableRow:
+    """A row as uncertain as the models are apart that are tied with it or stated, each by its weight."""
     channel, search = found.problem.channel, found.search
     ambient = int(np.argmin(np.abs(channel.ambients_c - row.ambient_c)))
     own = found.predicting.model
     rivals = search.rivals() if own is search.best else [one for one in search.tied() if one is not own]
-    if not (rivals or shown):
+    if not rivals:
         return row
     stated, others = row.response, [response_time(channel, one.fit, ambient) for one in rivals]
     # Moments about what is stated, each number's own: a time to 63 % that is twenty times another's is no share of it.
     told = np.array([[r.t63_s, r.t90_s, r.t98_s, 1.0 / r.t63_s] for r in (stated, *others)])
     weight = np.array([search.weight(one) for one in (own, *rivals)])
     away = np.sqrt(weight[1:] @ (told[1:] - told[0]) ** 2 / weight.sum())
-    if shown is not None:  # a shape that no other run has borne out is as sure as it agrees with the readings
-        t63, t90 = shown
-        away = np.maximum(away, np.abs(np.array([t63, t90, t90 * told[0, 2] / told[0, 1], 1.0 / t63]) - told[0]))
     sure = np.array(stated.standard_uncertainties_s or (0.0, 0.0, 0.0))
     first, second, third = (float(u) for u in np.hypot(sure, away[:3]))
     return replace(

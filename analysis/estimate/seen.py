@@ -16,7 +16,6 @@ Array = NDArray[np.float64]
 FEW_RUNS = 6
 SHARES_OF_STEP = (0.632, 0.90)
 STEP_IN_NOISE = 20.0  # a smaller step has no times worth saying
-LAG_TO_90 = float(np.log(10.0))  # time constants of a first-order lag
 MOST_BETWEEN = 0.3  # of the way between two readings: from here on a line between them is invented
 
 
@@ -65,14 +64,25 @@ def seen(channel: Channel) -> tuple[RunSeen, ...]:
     return tuple(found)
 
 
-def by_itself(channel: Channel) -> tuple[float, float] | None:
-    """Times [s] to 63 and 90 % that a single run shows by no model; None where it shows none."""
+def by_themselves(channel: Channel) -> dict[str, tuple[float, float]]:
+    """Time to 63 % [s] that runs show by no model, or the lag by which they follow a measured air, and the standard
+    uncertainty of its logarithm, by run; without those that show none, or none of what came before it.
+
+    Of a run whose change lies between two readings, and whose start nobody saw, the time is anything up to these: its
+    logarithm is that of the bound less 1, give or take 1. Where the start is known, several such runs tell more.
+    """
+    begun = {run for run, (time, _) in zip(channel.run_ids, channel.samples, strict=True) if time[0] > 0.0}
+    started = {run for run, known in zip(channel.run_ids, channel.conditions.start_known, strict=True) if known}
+    shown: dict[str, tuple[float, float]] = {}
     for one in seen(channel):
-        if one.times_s is not None and not one.at_most:
-            return one.times_s
-        if one.behind_s:
-            return one.behind_s, LAG_TO_90 * one.behind_s
-    return None
+        time_s = one.times_s[0] if one.times_s else one.behind_s
+        if not time_s or (one.run in begun and channel.runs > 1):
+            continue
+        if not one.at_most:
+            shown[one.run] = time_s, 0.0
+        elif one.run not in started:
+            shown[one.run] = time_s / float(np.e), 1.0
+    return shown
 
 
 def _crossings(time: Array, share: Array, triggered: bool) -> tuple[tuple[float, float], bool]:

@@ -239,7 +239,7 @@ def _response(
         scale = np.ones(theta.size)
         scale[block] = narrower
         scaled *= np.outer(scale, scale)
-        return response_time(part.channel, replace(part.fit, theta=moved, covariance=scaled), at[0], 1.0)
+        return response_time(part.channel, replace(part.fit, theta=moved, covariance=scaled), at[0])
     return None
 
 

@@ -197,7 +197,7 @@ def _channel(found: ChannelResult) -> ChannelStatistics:
         blocks.append(own)
         columns.append(shared)
         responses.append(_responses(found, part, places))
-        rates.append(_rates(part, found.noise, places))
+        rates.append(_rates(part, places))
     size, first = len(values), 0
     covariance = np.zeros((size, size))
     moves: dict[str, Array] = {}
@@ -264,19 +264,17 @@ def _errors(found: ChannelResult, part: Part, noise: Noise, places: list[int]) -
     own = whole - sum((np.outer(c, c) for c in shared.values()), np.zeros_like(whole))
     values, vectors = np.linalg.eigh(0.5 * (own + own.T))
     own = (vectors * np.maximum(values, LEAST_VARIANCE)) @ vectors.T
-    enlarged = part.enlarged(noise) ** 2
-    own = enlarged * own
     rows = [row for row in found.rows if row.runs[0] in part.channel.run_ids]
     for place, row in enumerate(rows):
-        beyond = (row.standard_uncertainty / row.diffusivity_m2_s) ** 2 - enlarged * whole[place, place]
-        own[place, place] += max(beyond, 0.0)  # runs that the model misses disagree by so much
+        beyond = (row.standard_uncertainty / row.diffusivity_m2_s) ** 2 - whole[place, place]
+        own[place, place] += max(beyond, 0.0)  # runs that scatter as no sensor does
     return own, shared
 
 
-def _rates(part: Part, noise: Noise, places: list[int]) -> RunRates:
+def _rates(part: Part, places: list[int]) -> RunRates:
     arrow = part.fit.arrow
     deviations = part.fit.deviations[:, RunEffect.RATE] * np.sqrt(arrow.weight[:, RunEffect.RATE])
-    moves = part.enlarged(noise) * arrow.shares()[0][RunEffect.RATE][places]
+    moves = arrow.shares()[0][RunEffect.RATE][places]
     return RunRates(tuple(part.channel.run_ids), deviations, moves)
 
 

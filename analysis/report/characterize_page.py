@@ -184,7 +184,7 @@ _METHOD = (
     "left less all ambients are fitted together by generalised least squares: the noise's autocorrelation is counted, "
     "and each run has a start time, a rate and two airs of its own that deviate as much as is known of them. "
     "Uncertainties are one standard uncertainty; where residuals or deviations are larger than they should be, they "
-    "are enlarged by as much."
+    "hold what the model is wrong by, and how far single runs and the readings' own times are from it."
 )
 
 
