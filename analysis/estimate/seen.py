@@ -81,7 +81,7 @@ def by_themselves(channel: Channel) -> dict[str, tuple[float, float]]:
         if not one.at_most:
             shown[one.run] = time_s, 0.0
         elif one.run not in started:
-            shown[one.run] = time_s / float(np.e), 1.0
+            shown[one.run] = time_s * float(np.exp(-1.0)), 1.0
     return shown
 
 
