@@ -1,5 +1,6 @@
 """Worlds of the virtual bench for tests: quiet sensors, and small campaigns on which every effect can act."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -69,3 +70,16 @@ def record(folder, seed, effects=(), tier=SMOOTH, plan=None, **changes):
     rng = np.random.default_rng(seed)
     truth = replace(draw_truth(rng, tier, effects), **changes)
     return read_campaign(simulate_campaign(truth, plan or small_plan(), rng, folder))
+
+
+def logged(folder, runs, start_s=None):
+    """A campaign of a probe in logs (times [s], readings [degC]) of which nothing else is known, but for the start."""
+    for run, log in enumerate(runs, 1):
+        home = folder / "runs" / f"{run:04d}"
+        home.mkdir(parents=True)
+        np.savetxt(home / "imet.csv", np.column_stack(log), "%.3f", ",", header="time_s,temperature_c", comments="")
+        transfer = {} if start_s is None else {"transfer": {"start_s": start_s}}
+        (home / "run.json").write_text(json.dumps({"format": "shock-run/1", "id": home.name} | transfer))
+    head = {"format": "shock-campaign/1", "name": "lags", "sensors": {"imet": {"kind": "a probe", "body": "lumped"}}}
+    (folder / "campaign.json").write_text(json.dumps(head))
+    return read_campaign(folder)

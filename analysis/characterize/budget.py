@@ -144,6 +144,19 @@ def sources(part: Part, noise: Noise) -> list[Source]:
     return made
 
 
+@dataclass(frozen=True)
+class Inputs:
+    """What a part's figures are uncertain by: its sources, and the covariance (P, P) of what its model is wrong by."""
+
+    sources: list[Source]
+    misfit: Array
+
+
+def _inputs(part: Part, noise: Noise) -> Inputs:
+    formal = replace(part.fit, covariance=part.fit.arrow.covariance())
+    return Inputs(sources(part, noise), part.fit.covariance - widened(part.problem, formal).covariance)
+
+
 COVERAGE = 0.9545  # two standard deviations of a normal distribution
 LEAST_SHARE = 1e-9  # of the variance: a smaller line is none
 WORST_RELATIVE = 0.5  # a figure known no better than this is none
@@ -213,7 +226,7 @@ def budgets(result: ChannelResult, air: ResponseAir | None = None) -> list[Budge
     """Budgets of alpha or of each D, and of t63 and t90 in an air; a film's are at each row's own temperature."""
     found: list[Budget] = []
     ridges = [curvature.ridge(p.problem, p.fit, list(disturbances(p.problem, p.fit).values())) for p in result.parts]
-    inputs = [sources(part, result.noise) for part in result.parts]
+    inputs = [_inputs(part, result.noise) for part in result.parts]
     for row in result.rows:
         place = next(i for i, part in enumerate(result.parts) if row.runs[0] in part.channel.run_ids)
         part = result.parts[place]
@@ -243,7 +256,7 @@ def diffusivity_at(result: ChannelResult, temperature_c: float) -> Budget | None
         value = float(np.exp(weights @ found.theta) * channel.length_m**2)
         stated_air = replace(_stated(channel, 0, ResponseAir()), temperature_c=temperature_c)
         figures = [(channel.quantity.symbol, "m²/s", value, value * weights)]
-        inputs = sources(part, result.noise)
+        inputs = _inputs(part, result.noise)
         return _budgets(part, inputs, figures, stated_air, _apart_at_most(result, part))[0]
     return None
 
@@ -262,14 +275,14 @@ def mean_diffusivity(result: ChannelResult) -> tuple[Budget, tuple[float, ...]] 
     slope[found.model.rates] = value / channel.rates
     air = replace(_stated(channel, 0, ResponseAir()), temperature_c=float(wholes.mean()))
     figure = (channel.quantity.symbol, "m²/s", value, slope)
-    inputs = sources(part, result.noise)
+    inputs = _inputs(part, result.noise)
     whole = _budgets(part, inputs, [figure], air, _apart_at_most(result, part))[0]
     return whole, tuple(sorted(float(t) for t in wholes))
 
 
 def _of_ambient(
     part: Part,
-    inputs: list[Source],
+    inputs: Inputs,
     ambient: int,
     row: TableRow,
     air: ResponseAir,
@@ -286,7 +299,7 @@ def _of_ambient(
     if ridge is None:
         return made
     drawn = curvature.drawn(ridge, [log_figure(part, ambient, one) for one in made])
-    return [_propagated(one, inputs, over) for one, over in zip(made, drawn, strict=True)]
+    return [_propagated(one, inputs.sources, over) for one, over in zip(made, drawn, strict=True)]
 
 
 def log_figure(part: Part, ambient: int, budget: Budget) -> curvature.LogFigure:
@@ -328,8 +341,7 @@ def _kept(lines: list[Component]) -> tuple[Component, ...]:
 
 
 def _apart(part: Part, ambient: int, row: TableRow) -> float:
-    """What of a row's uncertainty its fit does not know, relatively: how far runs are apart that scatter as no sensor
-    does, and their own times from the model's."""
+    """What of a row's uncertainty its fit does not know, relatively: how far runs by themselves are from the model."""
     told = float(part.fit.covariance[ambient, ambient])
     whole = (row.standard_uncertainty / row.diffusivity_m2_s) ** 2
     return math.sqrt(whole - told) if whole - told > NO_DIFFERENCE * whole else 0.0
@@ -344,20 +356,18 @@ def _apart_at_most(result: ChannelResult, part: Part) -> float:
 
 def _budgets(
     part: Part,
-    inputs: list[Source],
+    inputs: Inputs,
     figures: list[tuple[str, str, float, Array]],
     stated: ResponseAir,
     apart: float,
 ) -> list[Budget]:
     """Budgets of figures, each as its name, unit, value, and by how much theta moves it (P,)."""
     channel, made = part.channel, []
-    formal = replace(part.fit, covariance=part.fit.arrow.covariance())
-    beyond_formal = part.fit.covariance - widened(part.problem, formal).covariance
     for figure, unit, value, slope in figures:
-        lines = [source.line(slope) for source in inputs]
+        lines = [source.line(slope) for source in inputs.sources]
         if beyond := _other_airflow(part, stated):
             lines.append(Component("airflow other than the runs'", "B", "normal", beyond, "1", value))
-        misfit = math.sqrt(max(float(slope @ beyond_formal @ slope), 0.0)) / value
+        misfit = math.sqrt(max(float(slope @ inputs.misfit @ slope), 0.0)) / value
         lines.append(Component("misfit of the model", "A", "normal", misfit, "1", value, max(channel.runs - 1, 1)))
         if apart > 0.0:
             lines.append(

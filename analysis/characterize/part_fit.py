@@ -158,6 +158,7 @@ def choose_runs(
     return groups, [*whole.left_out, *(LeftOut(whole.run_ids[i], whole.name, reasons[i]) for i in sorted(reasons))]
 
 
+Shown = Mapping[str, tuple[float, float]]  # what runs show by themselves, see `by_themselves`
 WORST_RELATIVE = 0.5  # a diffusivity or a response time known no better than this is none
 
 
@@ -254,13 +255,12 @@ def fit_parts(
     for channel, models in groups:
         fitted = quick_part if quickly else fit_part
         part, found, undetermined = fitted(channel, noise, models, seed, rounding, say)
-        found = as_far_off(part, noise, found)
         known = [row for row in found if row.standard_uncertainty < row.diffusivity_m2_s]
         rows += known
         set_aside += undetermined
-        set_aside += [
-            LeftOut(run, whole.name, _misfits(channel)) for row in found if row not in known for run in row.runs
-        ]
+        if len(known) < len(found):
+            reason = _misfits(channel, by_themselves(channel))
+            set_aside += [LeftOut(run, whole.name, reason) for row in found if row not in known for run in row.runs]
         if known:
             parts.append(part)
     return parts, rows, set_aside
@@ -292,33 +292,42 @@ def joint_rows(
 ) -> tuple[list[TableRow], list[LeftOut]]:
     """Rows of the ambients whose diffusivity a joint fit determines, and the runs of those that it does not.
 
+    Rows of a model that does not explain its runs are as uncertain as these by themselves are far from it: where a
+    model is wrong alike in all runs, no run that others predict tells by how much. Far is how far apart the rates are
+    that single runs have, or the model's time to 63 % from the one that readings show by no model, whichever is more.
+
     `optima` are each ambient's findings of the two optimisers, where they were asked.
     """
     channel, found = part.channel, part.fit
     most = min(FAR_DEVIATED * part.problem.rate_scatter_limit, UNVENTILATED_LIMIT)
-    scattered = found.deviations[:, RunEffect.RATE].std() > most
-    apart = _apart(part) if scattered else np.zeros(channel.ambients_c.size)
+    scattered, missed = found.deviations[:, RunEffect.RATE].std() > most, not part.explained(noise)
+    looked_at = scattered or missed
+    apart = _apart(part) if looked_at else np.zeros(channel.ambients_c.size)
+    shown = by_themselves(channel) if looked_at else {}
     rows: list[TableRow] = []
     undetermined: list[LeftOut] = []
     for g, (first, check) in enumerate(optima or [(None, None)] * channel.ambients_c.size):
         runs = tuple(channel.run_ids[i] for i in np.flatnonzero(channel.ambient == g))
-        relative = float(np.hypot(np.sqrt(max(found.covariance[g, g], 0.0)), apart[g]))
+        formal = float(np.sqrt(max(found.covariance[g, g], 0.0)))
+        disagree = float(apart[g]) if scattered else 0.0
+        relative = float(np.hypot(formal, disagree))
         low, high = np.log(RATE_BOUNDS_PER_S)
         response = None
         if 0.0 < relative and low < found.theta[g] < high:
-            response = _wider(response_time(channel, found, g), float(apart[g]))
+            response = response_time(channel, found, g)
         # With two time constants in the model either may be the body's: how fast the sensor is, is told all the same.
-        if response is None or not min(relative, _relative(response)) < WORST_RELATIVE:
-            reason = _undetermined(channel, float(channel.ambients_c[g]), float(apart[g]), misfits=part.misfits(noise))
+        if response is None or not min(relative, _relative(_wider(response, disagree))) < WORST_RELATIVE:
+            reason = _undetermined(channel, float(channel.ambients_c[g]), disagree, shown, misfits=part.misfits(noise))
             undetermined += [LeftOut(run, channel.name, reason) for run in runs]
             continue
+        far = max(float(apart[g]), _off([shown[run] for run in runs if run in shown], response)) if missed else disagree
         value = float(np.exp(found.theta[g]) * channel.length_m**2)
         rows.append(
             TableRow(
                 ambient_c=round(float(channel.ambients_c[g]), 3),
                 diffusivity_m2_s=value,
-                standard_uncertainty=value * relative,
-                response=response,
+                standard_uncertainty=value * float(np.hypot(formal, far)),
+                response=_wider(response, far),
                 runs=runs,
                 basis=basis,
                 evolution=first,
@@ -356,24 +365,12 @@ def _wider(response: ResponseTime, relative: float) -> ResponseTime:
     return replace(response, standard_uncertainties_s=(first, second, third))
 
 
-def as_far_off(part: Part, noise: Noise, rows: Sequence[TableRow]) -> list[TableRow]:
-    """Rows of a model that misfits, as uncertain as its runs by themselves are far from it: where a model is wrong
-    alike in all runs, no run that others predict tells by how much.
-
-    Far is how far apart the rates are that single runs have, or the model's time to 63 % from the one that readings
-    show by no model, whichever is more.
-    """
-    if not rows or not part.misfits(noise):
-        return list(rows)
-    channel, shown, apart, far = part.channel, by_themselves(part.channel), _apart(part), []
-    for row in rows:
-        away = float(apart[int(np.argmin(np.abs(channel.ambients_c - row.ambient_c)))])
-        if own := [shown[run] for run in row.runs if run in shown]:
-            time_s, unsure = np.median(own, axis=0)
-            away = max(away, float(np.hypot(np.log(row.response.t63_s / time_s), unsure)))
-        uncertainty = float(np.hypot(row.standard_uncertainty, away * row.diffusivity_m2_s))
-        far.append(replace(row, standard_uncertainty=uncertainty, response=_wider(row.response, away)))
-    return far
+def _off(shown: Sequence[tuple[float, float]], response: ResponseTime) -> float:
+    """How far a time to 63 % is, in its logarithm, from those that runs show by no model (`by_themselves`)."""
+    if not shown:
+        return 0.0
+    time_s, unsure = np.median(shown, axis=0)
+    return float(np.hypot(np.log(response.t63_s / time_s), unsure))
 
 
 def _relative(response: ResponseTime) -> float:
@@ -381,31 +378,31 @@ def _relative(response: ResponseTime) -> float:
     return response.standard_uncertainties_s[0] / response.t63_s if response.standard_uncertainties_s else np.inf
 
 
-def _undetermined(channel: Channel, ambient_c: float, apart: float, *, misfits: bool) -> str:
+def _undetermined(channel: Channel, ambient_c: float, apart: float, shown: Shown, *, misfits: bool) -> str:
     """Why runs give no diffusivity, and the remedy."""
     symbol = channel.quantity.symbol
     if apart > WORST_RELATIVE:
         return (
-            f"the runs disagree in {symbol} by {apart:.0%}{_shown(channel)}; see that all are of one sensor, and run "
-            "shockrig diagnose"
+            f"the runs disagree in {symbol} by {apart:.0%}{_told(channel, shown)}; see that all are of one sensor, and "
+            "run shockrig diagnose"
         )
     if misfits:
-        return _misfits(channel)
+        return _misfits(channel, shown)
     if channel.quantity.pooled:
         return f"does not determine {symbol}; record more runs, or larger steps"
     return f"does not determine {symbol}, alone at {round(ambient_c)} degC; record isothermal shocks there"
 
 
-def _misfits(channel: Channel) -> str:
+def _misfits(channel: Channel, shown: Shown) -> str:
     return (
-        f"the plain model ({channel.body}) fits too badly to give {channel.quantity.symbol}{_shown(channel)}; run "
-        "shockrig diagnose, which tries other bodies, or state another body in campaign.json"
+        f"the plain model ({channel.body}) fits too badly to give {channel.quantity.symbol}{_told(channel, shown)}; "
+        "run shockrig diagnose, which tries other bodies, or state another body in campaign.json"
     )
 
 
-def _shown(channel: Channel) -> str:
-    """What runs show where no model is fitted to them; empty where they show nothing."""
-    times_s = sorted(time_s for time_s, unsure in by_themselves(channel).values() if not unsure)
+def _told(channel: Channel, shown: Shown) -> str:
+    """What runs show by no model, in words; empty where they show nothing."""
+    times_s = sorted(time_s for time_s, unsure in shown.values() if not unsure)
     if not times_s:
         return ""
     ends = dict.fromkeys(plain(times_s[i], 2) for i in (0, -1))

@@ -70,6 +70,10 @@ class Part:
         """Whether the residuals, or the runs' start times and airs, are larger than they should be."""
         return max(self.rmse / noise.while_moving, self.normalised_deviation) > FAR_ABOVE_NOISE
 
+    def explained(self, noise: Noise) -> bool:
+        """Whether the residuals are about as small as the noise, with start times and airs as they were recorded."""
+        return _explained(self.rmse, self.normalised_deviation, noise)
+
     @property
     def normalised_deviation(self) -> float:
         """RMS normalised deviation of start times and airs: as fitted, in units of the uncertainty they came with."""
@@ -77,6 +81,10 @@ class Part:
         counted[:, [RunEffect.RATE, RunEffect.STRENGTH]] = False  # their scatters are fitted
         scaled = (self.fit.deviations / self.problem.scatter)[counted]
         return float(np.sqrt(np.mean(scaled**2))) if scaled.size else 0.0
+
+
+def _explained(rmse: float, normalised_deviation: float, noise: Noise) -> bool:
+    return rmse < FAR_ABOVE_NOISE * noise.standard_deviation and normalised_deviation < FAR_DEVIATED
 
 
 @dataclass(frozen=True)
@@ -124,7 +132,7 @@ class ChannelResult:
     @property
     def explained(self) -> bool:
         """Whether the residuals are about as small as the noise, with start times and airs as they were recorded."""
-        return self.rmse < FAR_ABOVE_NOISE * self.noise.standard_deviation and self.normalised_deviation < FAR_DEVIATED
+        return _explained(self.rmse, self.normalised_deviation, self.noise)
 
     @property
     def normalised_deviation(self) -> float:

@@ -94,10 +94,18 @@ def _factor_rows(channel: Channel) -> dict[str, Array]:
     return rows | {"the ambient": ambient, "the airflow": airflow}
 
 
-def _response(problem: Problem, found: Fit) -> Check:
+def _factor_scores(problem: Problem, found: Fit) -> tuple[dict[str, NDArray[np.int64]], Array, Array]:
+    """Scores of the basis in time times each factor, and their covariance; and which of them are each factor's."""
+    rows = _factor_rows(problem.channel)
     basis = time_basis(problem.channel.time_s, problem.channel.tempo)
-    columns = np.concatenate([basis * row[:, None, None] for row in _factor_rows(problem.channel).values()], axis=-1)
-    statistic, degrees = _score(*found.scores(problem, problem.whiten(columns)))
+    columns = np.concatenate([basis * row[:, None, None] for row in rows.values()], axis=-1)
+    right, normal = found.scores(problem, problem.whiten(columns))
+    return dict(zip(rows, np.arange(right.size).reshape(len(rows), -1), strict=True)), right, normal
+
+
+def _response(problem: Problem, found: Fit) -> Check:
+    _, right, normal = _factor_scores(problem, found)
+    statistic, degrees = _score(right, normal)
     return Check("mean response", float(special.chdtrc(degrees, statistic)))
 
 
@@ -116,11 +124,7 @@ def varies_with(problem: Problem, found: Fit) -> list[str]:
     """What the residuals of a fit vary with, most first: each by what it tells beyond those before it, so that where
     all steps are about as large neither the step nor its size is named. Of those that tell as much, as with two runs,
     the first in their usual order."""
-    rows = _factor_rows(problem.channel)
-    basis = time_basis(problem.channel.time_s, problem.channel.tempo)
-    columns = np.concatenate([basis * row[:, None, None] for row in rows.values()], axis=-1)
-    right, normal = found.scores(problem, problem.whiten(columns))
-    own = dict(zip(rows, np.arange(right.size).reshape(len(rows), -1), strict=True))
+    own, right, normal = _factor_scores(problem, found)
 
     def told(names: Sequence[str]) -> float:
         at = np.concatenate([own[name] for name in names])
@@ -129,8 +133,8 @@ def varies_with(problem: Problem, found: Fit) -> list[str]:
 
     said: list[str] = []
     before = most = 0.0
-    while len(said) < len(rows):
-        more = {name: float(f"{told([*said, name]) - before:.2g}") for name in rows if name not in said}
+    while len(said) < len(own):
+        more = {name: float(f"{told([*said, name]) - before:.2g}") for name in own if name not in said}
         best = max(more, key=more.__getitem__)
         most = most or more[best]
         if not more[best] > max(VARIES_SHARE * most, VARIES_LEAST):

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from shockrig.analysis.characterize.part_fit import Extension, as_far_off, fit_parts, joint_rows
+from shockrig.analysis.characterize.part_fit import Extension, fit_parts, joint_rows
 from shockrig.analysis.characterize.response_times import response_time
 from shockrig.analysis.characterize.result import (
     ChannelResult,
@@ -44,7 +44,7 @@ def extended_result(found: ChannelDiagnosis) -> ChannelResult | None:
     rows, undetermined = joint_rows(part, found.noise, "all runs")
     if not rows:
         return None
-    rows = as_far_off(part, found.noise, [_in_doubt(found, row) for row in rows])
+    rows = [_in_doubt(found, row) for row in rows]
     effects = tuple(cause.as_effect() for cause in found.predicting.causes)
     left_out = [*found.problem.channel.left_out, *undetermined]
     return channel_result(rows, found.noise, effects, [part], left_out, found.predicting.discovered)

@@ -71,16 +71,16 @@ def by_themselves(channel: Channel) -> dict[str, tuple[float, float]]:
     Of a run whose change lies between two readings, and whose start nobody saw, the time is anything up to these: its
     logarithm is that of the bound less 1, give or take 1. Where the start is known, several such runs tell more.
     """
-    begun = {run for run, (time, _) in zip(channel.run_ids, channel.samples, strict=True) if time[0] > 0.0}
-    started = {run for run, known in zip(channel.run_ids, channel.conditions.start_known, strict=True) if known}
+    whole = dict(zip(channel.run_ids, (channel.begun_s == 0.0) | (channel.runs == 1), strict=True))
+    started = dict(zip(channel.run_ids, channel.conditions.start_known, strict=True))
     shown: dict[str, tuple[float, float]] = {}
     for one in seen(channel):
         time_s = one.times_s[0] if one.times_s else one.behind_s
-        if not time_s or (one.run in begun and channel.runs > 1):
+        if not time_s or not whole[one.run]:
             continue
         if not one.at_most:
             shown[one.run] = time_s, 0.0
-        elif one.run not in started:
+        elif not started[one.run]:
             shown[one.run] = time_s * float(np.exp(-1.0)), 1.0
     return shown
 

@@ -267,7 +267,7 @@ def _errors(found: ChannelResult, part: Part, noise: Noise, places: list[int]) -
     rows = [row for row in found.rows if row.runs[0] in part.channel.run_ids]
     for place, row in enumerate(rows):
         beyond = (row.standard_uncertainty / row.diffusivity_m2_s) ** 2 - whole[place, place]
-        own[place, place] += max(beyond, 0.0)  # runs that scatter as no sensor does
+        own[place, place] += max(beyond, 0.0)  # as far as runs by themselves are from the model
     return own, shared
 
 

@@ -1,10 +1,10 @@
 """What is left of a fit above its noise, where that hangs together from bin to bin: nothing, of noise alone."""
 
-import json
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from small_worlds import logged
 
 from shockrig.analysis.diagnose import remainder
 from shockrig.analysis.diagnose.adequacy import varies_with
@@ -15,7 +15,6 @@ from shockrig.analysis.estimate.fit import fit
 from shockrig.analysis.estimate.fit_starts import rough_point
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import PLAIN
-from shockrig.files.campaign import read_campaign
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.97])
@@ -48,18 +47,12 @@ def test_noise_alone_leaves_nothing_above_itself(monkeypatch, memory):
 
 
 def test_runs_that_differ_in_their_rate_are_not_adequate_because_nobody_recorded_the_airflow(tmp_path):
-    random, time = np.random.default_rng(8), np.arange(0.0, 120.0)
+    random, time, runs = np.random.default_rng(8), np.arange(0.0, 120.0), []
     for run, lag_s in enumerate((9.3, 10.7, 10.0, 9.4, 10.8, 9.8), 1):
         began, (before, after) = 30.0 + random.uniform(), ((20.0, 60.0) if run % 2 else (60.0, 20.0))
         left = np.exp(-np.maximum(time - began, 0.0) / lag_s)
-        table = np.column_stack([time, after + (before - after) * left + random.normal(0.0, 0.3, time.size)])
-        home = tmp_path / "runs" / f"{run:04d}"
-        home.mkdir(parents=True)
-        np.savetxt(home / "imet.csv", table, "%.3f", ",", header="time_s,temperature_c", comments="")
-        (home / "run.json").write_text(json.dumps({"format": "shock-run/1", "id": home.name}))
-    head = {"format": "shock-campaign/1", "name": "lags", "sensors": {"imet": {"kind": "a probe", "body": "lumped"}}}
-    (tmp_path / "campaign.json").write_text(json.dumps(head))
-    found = diagnose_channel(build_channel(read_campaign(tmp_path), "temperature"))
+        runs.append((time, after + (before - after) * left + random.normal(0.0, 0.3, time.size)))
+    found = diagnose_channel(build_channel(logged(tmp_path, runs), "temperature"))
     assert found.verdict == "unexplained" and not found.causes
     assert found.final.rate_scatter == pytest.approx(0.064, abs=0.02) and found.remainder.significant
 
@@ -75,18 +68,12 @@ def test_runs_that_differ_in_their_rate_are_not_adequate_because_nobody_recorded
 )
 def test_what_is_left_varies_with_what_tells_more_than_what_is_named_already(tmp_path, steps_k, slow_down, said):
     """Steps of one size tell neither the step nor its size from what is the same in every run."""
-    random, time = np.random.default_rng(9), np.arange(-30.0, 120.0, 0.5)
+    random, time, runs = np.random.default_rng(9), np.arange(-30.0, 120.0, 0.5), []
     late = np.maximum(time, 0.0)
-    for run, step_k in enumerate(steps_k, 1):
+    for step_k in steps_k:
         slow = 0.2 if step_k > 0 else slow_down
         left = (1.0 - slow) * np.exp(-late / 12.0) + slow * np.exp(-late / 36.0)
-        table = np.column_stack([time + 30.0, 20.0 + step_k * (1.0 - left) + random.normal(0.0, 0.02, time.size)])
-        home = tmp_path / "runs" / f"{run:04d}"
-        home.mkdir(parents=True)
-        np.savetxt(home / "imet.csv", table, "%.3f", ",", header="time_s,temperature_c", comments="")
-        (home / "run.json").write_text(json.dumps({"format": "shock-run/1", "id": home.name}))
-    head = {"format": "shock-campaign/1", "name": "lags", "sensors": {"imet": {"kind": "a probe", "body": "lumped"}}}
-    (tmp_path / "campaign.json").write_text(json.dumps(head))
-    problem = prepare(build_channel(read_campaign(tmp_path), "temperature")).problem
+        runs.append((time + 30.0, 20.0 + step_k * (1.0 - left) + random.normal(0.0, 0.02, time.size)))
+    problem = prepare(build_channel(logged(tmp_path, runs), "temperature")).problem
     point = rough_point(problem, PLAIN)
     assert set(varies_with(problem, fit(problem, PLAIN, point.theta, point.deviations))) == said
