@@ -9,6 +9,7 @@ Where the figure is no straight function of the inputs, their distributions are 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -257,7 +258,7 @@ def diffusivity_at(result: ChannelResult, temperature_c: float) -> Budget | None
         stated_air = replace(_stated(channel, 0, ResponseAir()), temperature_c=temperature_c)
         figures = [(channel.quantity.symbol, "m²/s", value, value * weights)]
         inputs = _inputs(part, result.noise)
-        return _budgets(part, inputs, figures, stated_air, _apart_at_most(result, part))[0]
+        return _budgets(part, inputs, figures, stated_air, [_apart_at_most(result, part)])[0]
     return None
 
 
@@ -276,7 +277,7 @@ def mean_diffusivity(result: ChannelResult) -> tuple[Budget, tuple[float, ...]] 
     air = replace(_stated(channel, 0, ResponseAir()), temperature_c=float(wholes.mean()))
     figure = (channel.quantity.symbol, "m²/s", value, slope)
     inputs = _inputs(part, result.noise)
-    whole = _budgets(part, inputs, [figure], air, _apart_at_most(result, part))[0]
+    whole = _budgets(part, inputs, [figure], air, [_apart_at_most(result, part)])[0]
     return whole, tuple(sorted(float(t) for t in wholes))
 
 
@@ -295,7 +296,7 @@ def _of_ambient(
     of_rate[ambient] = row.diffusivity_m2_s
     figures = [(channel.quantity.symbol, "m²/s", row.diffusivity_m2_s, of_rate)]
     figures += [(name, "s", float(times[i]), slopes[i]) for i, name in enumerate(TIMES)]
-    made = _budgets(part, inputs, figures, stated, _apart(part, ambient, row))
+    made = _budgets(part, inputs, figures, stated, [_apart(part, ambient, row), *_times_apart(part, ambient, row)])
     if ridge is None:
         return made
     drawn = curvature.drawn(ridge, [log_figure(part, ambient, one) for one in made])
@@ -343,7 +344,18 @@ def _kept(lines: list[Component]) -> tuple[Component, ...]:
 def _apart(part: Part, ambient: int, row: TableRow) -> float:
     """What of a row's uncertainty its fit does not know, relatively: how far runs by themselves are from the model."""
     told = float(part.fit.covariance[ambient, ambient])
-    whole = (row.standard_uncertainty / row.diffusivity_m2_s) ** 2
+    return _beyond((row.standard_uncertainty / row.diffusivity_m2_s) ** 2, told)
+
+
+def _times_apart(part: Part, ambient: int, row: TableRow) -> list[float]:
+    """The same of a row's times."""
+    times, slopes = response_slopes(part.channel, part.fit, ambient)
+    told = np.einsum("ki,ij,kj->k", slopes, part.fit.covariance, slopes) / times**2
+    whole = (np.array(row.response.standard_uncertainties_s or (0.0, 0.0, 0.0)) / times) ** 2
+    return [_beyond(float(whole[i]), float(told[i])) for i in range(len(TIMES))]
+
+
+def _beyond(whole: float, told: float) -> float:
     return math.sqrt(whole - told) if whole - told > NO_DIFFERENCE * whole else 0.0
 
 
@@ -359,19 +371,20 @@ def _budgets(
     inputs: Inputs,
     figures: list[tuple[str, str, float, Array]],
     stated: ResponseAir,
-    apart: float,
+    apart: Sequence[float],
 ) -> list[Budget]:
-    """Budgets of figures, each as its name, unit, value, and by how much theta moves it (P,)."""
+    """Budgets of figures, each as its name, unit, value, and by how much theta moves it (P,); `apart` is how far runs
+    by themselves are from each."""
     channel, made = part.channel, []
-    for figure, unit, value, slope in figures:
+    for (figure, unit, value, slope), far in zip(figures, apart, strict=True):
         lines = [source.line(slope) for source in inputs.sources]
         if beyond := _other_airflow(part, stated):
             lines.append(Component("airflow other than the runs'", "B", "normal", beyond, "1", value))
         misfit = math.sqrt(max(float(slope @ inputs.misfit @ slope), 0.0)) / value
         lines.append(Component("misfit of the model", "A", "normal", misfit, "1", value, max(channel.runs - 1, 1)))
-        if apart > 0.0:
+        if far > 0.0:
             lines.append(
-                Component("runs that the model misses", "A", "normal", apart, "1", value, max(channel.runs - 1, 1))
+                Component("runs that the model misses", "A", "normal", far, "1", value, max(channel.runs - 1, 1))
             )
         made.append(Budget(figure, channel.name, unit, value, stated, _kept(lines)))
     return made

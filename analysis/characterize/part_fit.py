@@ -158,7 +158,7 @@ def choose_runs(
     return groups, [*whole.left_out, *(LeftOut(whole.run_ids[i], whole.name, reasons[i]) for i in sorted(reasons))]
 
 
-Shown = Mapping[str, tuple[float, float]]  # what runs show by themselves, see `by_themselves`
+Shown = Mapping[str, tuple[float, float, float]]  # what runs show by themselves, see `by_themselves`
 WORST_RELATIVE = 0.5  # a diffusivity or a response time known no better than this is none
 
 
@@ -294,7 +294,7 @@ def joint_rows(
 
     Rows of a model that does not explain its runs are as uncertain as these by themselves are far from it: where a
     model is wrong alike in all runs, no run that others predict tells by how much. Far is how far apart the rates are
-    that single runs have, or the model's time to 63 % from the one that readings show by no model, whichever is more.
+    that single runs have, or each of the model's times from the one that readings show by no model, whichever is more.
 
     `optima` are each ambient's findings of the two optimisers, where they were asked.
     """
@@ -320,13 +320,14 @@ def joint_rows(
             reason = _undetermined(channel, float(channel.ambients_c[g]), disagree, shown, misfits=part.misfits(noise))
             undetermined += [LeftOut(run, channel.name, reason) for run in runs]
             continue
-        far = max(float(apart[g]), _off([shown[run] for run in runs if run in shown], response)) if missed else disagree
+        own = [shown[run] for run in runs if run in shown]
+        far = np.maximum(apart[g], _off(own, response)) if missed else np.full(3, disagree)
         value = float(np.exp(found.theta[g]) * channel.length_m**2)
         rows.append(
             TableRow(
                 ambient_c=round(float(channel.ambients_c[g]), 3),
                 diffusivity_m2_s=value,
-                standard_uncertainty=value * float(np.hypot(formal, far)),
+                standard_uncertainty=value * float(np.hypot(formal, far[0])),
                 response=_wider(response, far),
                 runs=runs,
                 basis=basis,
@@ -354,23 +355,24 @@ def _apart(part: Part) -> Array:
     return np.array([own[problem.channel.ambient == g].std() for g in range(problem.channel.ambients_c.size)])
 
 
-def _wider(response: ResponseTime, relative: float) -> ResponseTime:
-    """Response times less certain by what runs are apart."""
-    if response.standard_uncertainties_s is None or not relative:
+def _wider(response: ResponseTime, relative: Array | float) -> ResponseTime:
+    """Response times less certain by what runs are apart, one for all or one for each (3,)."""
+    if response.standard_uncertainties_s is None or not np.any(relative):
         return response
-    times = (response.t63_s, response.t90_s, response.t98_s)
-    first, second, third = (
-        float(np.hypot(u, t * relative)) for u, t in zip(response.standard_uncertainties_s, times, strict=True)
-    )
+    times = np.array([response.t63_s, response.t90_s, response.t98_s])
+    first, second, third = np.hypot(response.standard_uncertainties_s, times * relative).tolist()
     return replace(response, standard_uncertainties_s=(first, second, third))
 
 
-def _off(shown: Sequence[tuple[float, float]], response: ResponseTime) -> float:
-    """How far a time to 63 % is, in its logarithm, from those that runs show by no model (`by_themselves`)."""
+def _off(shown: Sequence[tuple[float, float, float]], response: ResponseTime) -> Array:
+    """How far times to 63, 90 and 98 % (3,) are, in their logarithms, from those that runs show by no model; the last
+    as the one before it."""
     if not shown:
-        return 0.0
-    time_s, unsure = np.median(shown, axis=0)
-    return float(np.hypot(np.log(response.t63_s / time_s), unsure))
+        return np.zeros(3)
+    t63_s, t90_s, unsure = np.median(shown, axis=0)
+    first, second = abs(np.log(response.t63_s / t63_s)), abs(np.log(response.t90_s / t90_s))
+    second = max(first, second)  # where the curves cross, a model is right by accident
+    return np.hypot([first, second, second], unsure)
 
 
 def _relative(response: ResponseTime) -> float:
@@ -402,7 +404,7 @@ def _misfits(channel: Channel, shown: Shown) -> str:
 
 def _told(channel: Channel, shown: Shown) -> str:
     """What runs show by no model, in words; empty where they show nothing."""
-    times_s = sorted(time_s for time_s, unsure in shown.values() if not unsure)
+    times_s = sorted(t63_s for t63_s, _, unsure in shown.values() if not unsure)
     if not times_s:
         return ""
     ends = dict.fromkeys(plain(times_s[i], 2) for i in (0, -1))

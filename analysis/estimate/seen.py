@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 FEW_RUNS = 6
 SHARES_OF_STEP = (0.632, 0.90)
 STEP_IN_NOISE = 20.0  # a smaller step has no times worth saying
+LAG_TO_90 = float(np.log(10.0))  # time constants of a first-order lag
 MOST_BETWEEN = 0.3  # of the way between two readings: from here on a line between them is invented
 
 
@@ -64,24 +65,24 @@ def seen(channel: Channel) -> tuple[RunSeen, ...]:
     return tuple(found)
 
 
-def by_themselves(channel: Channel) -> dict[str, tuple[float, float]]:
-    """Time to 63 % [s] that runs show by no model, or the lag by which they follow a measured air, and the standard
-    uncertainty of its logarithm, by run; without those that show none, or none of what came before it.
+def by_themselves(channel: Channel) -> dict[str, tuple[float, float, float]]:
+    """Times to 63 and 90 % [s] that runs show by no model, or of the lag by which they follow a measured air, and the
+    standard uncertainty of their logarithms, by run; without those that show none, or none of what came before it.
 
-    Of a run whose change lies between two readings, and whose start nobody saw, the time is anything up to these: its
+    Of a run whose change lies between two readings, and whose start nobody saw, a time is anything up to these: its
     logarithm is that of the bound less 1, give or take 1. Where the start is known, several such runs tell more.
     """
     whole = dict(zip(channel.run_ids, (channel.begun_s == 0.0) | (channel.runs == 1), strict=True))
     started = dict(zip(channel.run_ids, channel.conditions.start_known, strict=True))
-    shown: dict[str, tuple[float, float]] = {}
+    shown: dict[str, tuple[float, float, float]] = {}
     for one in seen(channel):
-        time_s = one.times_s[0] if one.times_s else one.behind_s
-        if not time_s or not whole[one.run]:
+        t63_s, t90_s = one.times_s or (one.behind_s or 0.0, LAG_TO_90 * (one.behind_s or 0.0))
+        if not t63_s or not whole[one.run]:
             continue
         if not one.at_most:
-            shown[one.run] = time_s, 0.0
+            shown[one.run] = t63_s, t90_s, 0.0
         elif not started[one.run]:
-            shown[one.run] = time_s * float(np.exp(-1.0)), 1.0
+            shown[one.run] = t63_s * float(np.exp(-1.0)), t90_s * float(np.exp(-1.0)), 1.0
     return shown
 
 
