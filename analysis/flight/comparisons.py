@@ -655,8 +655,9 @@ def seen_by_film(
         return bead, film
     moved = np.flatnonzero(np.diff(alone))
     first, last = flight.time_s[moved[[0, -1]]]
-    # it was right before the first of these moves, or is behind the last, or between: nothing tells which
-    off = np.maximum(np.abs(alone), np.abs(alone - alone[-1]))
+    # it was right before the first of these moves, or is behind the last, or between: nothing tells which; and what
+    # moved it comes and goes, the going maybe too slowly to show, so that no sum of moves is what it is off by
+    off = np.minimum(np.maximum(np.abs(alone), np.abs(alone - alone[-1])), film.most_alone_k)
     said = (
         f"temperature: between {first:.10g} and {last:.10g} s it moves by up to {off.max():.2g} K without the "
         "humidity, which follows the air's at once: "

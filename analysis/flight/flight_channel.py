@@ -152,6 +152,8 @@ class FlightChannel:
         With a row for each of them.
     temperature_alone : ndarray (n,) or None
         How far the temperature has moved by itself, which a film did not see [K].
+    most_alone_k : float
+        By how much in the largest of these moves.
     carried : Carried or None
         What the carrier adds to the air around the sensor, and is in `value`.
     changed : Changed or None
@@ -176,6 +178,7 @@ class FlightChannel:
     jumps_s: Array | None = None
     response: LagResponse | None = None
     temperature_alone: Array | None = None
+    most_alone_k: float = 0.0
     carried: Carried | None = None
     changed: Changed | None = None
     as_before: Array | None = None

@@ -315,9 +315,9 @@ def _through_vapour(
     own_air = bridged(time_s, flight.die_temperature_c)
     at_sensor = replace(stream, temperature_c=air if own_air is None else own_air)
     plain = undone(film.effects, raw, at_sensor, film.part.film_thickness_m, typical_period(time_s))
-    alone, drift = np.zeros(raw.shape), np.zeros(raw.shape)
+    alone, most_k, drift = np.zeros(raw.shape), 0.0, np.zeros(raw.shape)
     if alike:
-        alone = _alone(time_s, plain, air, sigma, bead, screened, response, film.noise)
+        alone, most_k = _alone(time_s, plain, air, sigma, bead, screened, response, film.noise)
         moved = alone, _forgotten(alone, response, typical_period(time_s))
         believed, air = (possible_air(air - own) for own in moved)
         drift = _lagged_drift(air, believed, response, typical_period(time_s))
@@ -364,7 +364,7 @@ def _through_vapour(
     parts = [unsure_film_k, unsure_activity * moving_k]
     parts += [bead.carried.uncertainty] if bead.carried is not None else []
     channel = _in_all(channel, of_air, not_known(film.effects), now, np.sqrt(sum(np.square(part) for part in parts)))
-    return replace(channel, temperature_alone=alone, changed=change)
+    return replace(channel, temperature_alone=alone, most_alone_k=most_k, changed=change)
 
 
 def _of_vapour(
@@ -441,19 +441,29 @@ def _alone(
     screened: Screened,
     response: LagResponse,
     noise: float,
-) -> Array:
-    """How far (n,) the temperature has moved by itself, in K; of a burst of noise neither sensor says anything."""
+) -> tuple[Array, float]:
+    """How far (n,) the temperature has moved by itself, in K, and by how much in the largest of these moves; of a burst
+    of noise neither sensor says anything."""
     believed = screened.usable & bead.screened.usable & ~(screened.loud | bead.screened.loud)
     own_noise = float(np.hypot(noise, screened.resolution / np.sqrt(12)) / np.median(plain.gain))
     then = _earlier(time_s, air, plain.delay_s)
-    alone = np.zeros(then.shape)
+    alone, most_k = np.zeros(then.shape), 0.0
     for shown in SHOWN_SHARES:
         air = possible_air(then - alone)
-        alone = alone + unseen(time_s, plain.reading, air, sigma, believed, response, own_noise, shown)
+        found = unseen(time_s, plain.reading, air, sigma, believed, response, own_noise, shown)
+        alone, most_k = alone + found, max(most_k, _largest_move(found))
     if believed.any():
         read = np.interp(time_s, time_s[believed], np.maximum(plain.reading[believed], LEAST_PERCENT))
-        alone = alone + swings(read, possible_air(then - alone), believed, typical_period(time_s))
-    return _earlier(time_s, alone, -plain.delay_s)
+        found = swings(read, possible_air(then - alone), believed, typical_period(time_s))
+        alone, most_k = alone + found, max(most_k, float(found.max()))
+    return _earlier(time_s, alone, -plain.delay_s), most_k
+
+
+def _largest_move(values: Array) -> float:
+    """The most that values (n,) go in one stretch between rows in which they stand."""
+    stands = np.flatnonzero(np.diff(values) == 0.0)
+    at = values[np.concatenate([[0], stands, [values.size - 1]])]
+    return float(np.abs(np.diff(at)).max())
 
 
 class TemperatureDoubt:

@@ -71,6 +71,20 @@ def test_a_thermometer_that_does_not_come_back_is_unsure_on_both_sides():
         assert np.nanmax(done.temperature_uncertainty_k) < 2.5
 
 
+def test_moves_that_fade_unseen_do_not_add_up():
+    """Sun comes at once and fades too slowly to show: a thermometer was never off by the sum of what it warmed."""
+    scene = convective(np.random.default_rng(5), duration_s=600.0)
+    off = scene.temperature_c - scene.temperature_c.mean()
+    flown = fly(dataclasses.replace(scene, temperature_c=COLD["temperature_c"] + 0.2 * off), PROFILE, 5)
+    log, truth = to_flight(flown.log), flown.truth["temperature_c"].to_numpy()
+    since = np.where(log.time_s > 20.0, (log.time_s - 20.0) % 55.0, np.inf)
+    warm = 1.5 * (np.exp(-since / 25.0) - np.exp(-since / 0.5))
+    done = correct(dataclasses.replace(log, temperature_c=log.temperature_c + warm), PROFILE)
+    assert any("without the humidity" in note for note in done.notes)
+    assert np.nanmax(done.temperature_uncertainty_k) < 2.5
+    assert np.mean(np.abs(done.temperature_c - truth) < 1.96 * done.temperature_uncertainty_k) > 0.9
+
+
 def test_ice_slows_a_thermometer_and_humidity_owns_it():
     """Between its moves the thermometer is 12 s late on an inversion, of which the film's lag makes percents."""
     scene = cold_air()
