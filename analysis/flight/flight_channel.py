@@ -162,6 +162,8 @@ class FlightChannel:
         What `uncertainty` has in it of air that may be as it was before the readings went where no other sensor did.
     staying : ndarray (n,) or float
         What it has in it of an error that stays for as long as a rounded reading does.
+    apart : ndarray (n,) or float
+        How far the air is from a reading as a rule, where it varies as about each row.
     """
 
     name: str
@@ -183,6 +185,7 @@ class FlightChannel:
     changed: Changed | None = None
     as_before: Array | None = None
     staying: Array | float = 0.0
+    apart: Array | float = 1.0
 
     @property
     def total_uncertainty(self) -> Array:
@@ -301,6 +304,7 @@ def judged(
         found.jumps_s,
         readings.response,
         staying=np.where(raw_rows, 0.0, np.sqrt(found.staying) * unit),
+        apart=found.apart * unit,
     )
 
 
@@ -596,7 +600,8 @@ def _capped(channel: FlightChannel, beyond: Array) -> Mask:
 
 
 def _nearer(channel: FlightChannel, readings: FlightReadings, unit: Array, sigma: Array) -> FlightChannel:
-    """The channel nearer to its readings where it is far less certain than elsewhere in the flight.
+    """The channel nearer to its readings where it is far less certain than elsewhere in the flight, in air that varies
+    as strongly.
 
     That the reading is right is one of the explanations. A value that is off from it by d has s to be unsure by, and
     so has the reading: its weight is the likelihood of that, exp(-d^2 / 4 s^2), so that a correction which the flight
@@ -617,7 +622,9 @@ def _nearer(channel: FlightChannel, readings: FlightReadings, unit: Array, sigma
     # of rows that were read: of a flight that hardly was, a gap's is no usual one
     read = known & readings.usable
     noise = np.interp(rows, rows[seen], np.sqrt(readings.noise_variance)[seen]) * unit
-    usual = np.maximum(USUAL_TIMES * np.median(sigma[read if read.any() else known]), USUAL_NOISES * noise)
+    apart = np.broadcast_to(channel.apart, sigma.shape)
+    of_apart = np.median((sigma / apart)[read if read.any() else known])
+    usual = np.maximum(USUAL_TIMES * of_apart * apart, USUAL_NOISES * noise)
     off = np.where(known, channel.value - reading, 0.0)
     extra = np.where(known, np.maximum(sigma**2 - usual**2, 0.0), 0.0)
     vague = extra > 0.0

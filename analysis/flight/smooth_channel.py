@@ -510,8 +510,9 @@ Sites = tuple[Array, Array]  # readings and variances of the Gaussians that stan
 NEARLY_AT_REST = 0.1  # of a step: at rest the likelihood has no slope in what stands for the intervals
 MISSED_PERIODS = 1.6  # between two readings: beyond, one is missing
 LONGEST_BRIDGE_S = 60.0  # beyond, a gap parts the flight
-SEGMENT_SAMPLES = 250  # samples over which the air's turbulence intensity is taken as one, at least
+SEGMENT_S = 25.0  # over which the air's turbulence intensity is taken as one, at least
 SEGMENT_LAGS = 12.0  # and so many of the sensor's time constants, or a slow sensor cannot tell it
+SEGMENT_SAMPLES = 250  # about which scores of jumps are usual
 LONGEST_SEGMENT = 500
 SHORTEST_SEGMENT = 60
 LARGEST_SHARE = 0.4  # of a flight: one inversion does not speak for all of it
@@ -541,7 +542,8 @@ class Estimate:
     (b, 2) at which it or its slope did or seems to have, with the sigmas of a jump; `own_steps`: by how much the sensor
     itself reads more from a row on than before it, where the method looks for that; `cost`: minus the log-likelihood of
     the readings, without its constant, of a method that has one; `staying`: variance, of `variance`, of an error that
-    stays for as long as a rounded reading does; `steady`: variance without jumps that nobody saw.
+    stays for as long as a rounded reading does; `steady`: variance without jumps that nobody saw; `apart`: how far the
+    air is from a reading as a rule, one sigma, as strongly as it varies about each row, where the method judges that.
     """
 
     air: Array
@@ -557,6 +559,7 @@ class Estimate:
     cost: float = np.nan
     staying: Array = field(default_factory=lambda: np.zeros(1))
     steady: Array = field(default_factory=lambda: np.zeros(1))
+    apart: Array = field(default_factory=lambda: np.ones(1))
 
 
 def estimate(
@@ -642,6 +645,7 @@ def estimate(
         cost=float(found.cost.sum()) + nats,
         staying=staying,
         steady=steady,
+        apart=np.interp(time_s, track.time_s, _apart(local, along, track.period_s)),
     )
 
 
@@ -989,6 +993,17 @@ def _carried(node_row: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.maximum.accumulate(np.maximum(node_row, 0))
 
 
+def _apart(local: Prior, along: LagResponse, period: float) -> Array:
+    """How far (n,) the air is from what the sensor shows as a rule, one sigma: what it lags behind of air that varies
+    so strongly, faster than a tenth of its own rate."""
+    frequency = np.geomspace(min(0.1 / (2.0 * np.pi * along.slowest_s), 0.1 / period), 0.5 / period, 60)
+    missed = np.abs(1.0 - along.clean(frequency, len(along.rate) // 2)) ** 2
+    turbulence, bend = (
+        float(np.trapezoid(missed * power, frequency)) for power in spectra(frequency, period, local.smooth)
+    )
+    return np.asarray(np.sqrt(turbulence * local.turbulence**2 + bend * local.bend**2))
+
+
 def resolved_rate(prior: Prior, response: LagResponse, period: float) -> float:
     """Angular frequency at which the reading's signal sinks into its noise."""
     frequency = np.geomspace(0.01, 0.5 / period, 60)
@@ -1014,7 +1029,8 @@ def _local_priors(
     of the flight that a segment may have.
     """
     typical = float(np.sqrt(np.mean(noise**2)))
-    size = int(np.clip(SEGMENT_LAGS * along.slowest_s / period, SEGMENT_SAMPLES, LONGEST_SEGMENT))
+    lasting = max(SEGMENT_LAGS * along.slowest_s, SEGMENT_S) / period
+    size = int(np.clip(lasting, SHORTEST_SEGMENT, LONGEST_SEGMENT))
     size = min(size, max(SHORTEST_SEGMENT, int(largest * bridged.size)), bridged.size)
     if size < 24:
         # too few for a spectrum: each between the strengths at which the readings, and the air, would vary as was read

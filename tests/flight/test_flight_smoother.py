@@ -18,6 +18,8 @@ from shockrig.analysis.flight.simulated.weather import convective
 from shockrig.analysis.flight.smooth_channel import estimate
 from shockrig.analysis.flight.smoother import Jumps
 from shockrig.analysis.flight.sweep import inflation
+from shockrig.files.flight import Flight
+from shockrig.files.profile import Profile, TemperatureProfile, Uncertain
 
 
 @pytest.mark.skipif(smoother._kernel is None, reason="the kernel was not built")
@@ -89,3 +91,23 @@ def test_where_readings_surprise_for_seconds_only_their_uncertainty_grows_there(
     surprise[1005:1015] = 8.0
     wider = inflation(surprise)
     assert wider[1010] > 20.0 and np.all(wider[:750] == inflation(surprise[:750])) and wider[1200] < 4.5
+
+
+def test_a_layer_that_varies_more_than_the_rest_of_a_flight_is_corrected_as_well():
+    """A dive through a thermocline and on through calm water, in rows 5 and 10 s apart of a sensor that lags by 5 s."""
+    step_s, lag_s = 0.5, 5.0
+    time_s, rng = np.arange(0.0, 6000.0, step_s), np.random.default_rng(2)
+    water = 25.0 - 12.0 * np.clip((time_s - 100.0) / 500.0, 0.0, 1.0) - 2e-3 * time_s
+    for at_s in rng.uniform(100.0, 600.0, 6):
+        water = water + rng.choice([-0.6, 0.6]) * np.tanh((time_s - at_s) / 3.0)
+    keep = np.exp(-step_s / lag_s)
+    shown = lfilter([1.0 - keep], [1.0, -keep], water, zi=[keep * water[0]])[0]
+    sensor = TemperatureProfile(Uncertain(4e-4**2 / lag_s, 4e-5**2 / lag_s), noise_k=0.003)
+    profile = Profile(sensor, sensors={"imet": {"body": "lumped"}})
+    for every in (10, 20):
+        rows_s, air = time_s[::every], water[::every]
+        read, unknown = shown[::every] + 0.003 * rng.standard_normal(rows_s.size), np.full(rows_s.size, np.nan)
+        done = correct(Flight(rows_s, read, unknown, unknown, unknown, unknown), profile)
+        layer = rows_s < 620.0
+        off, before = (np.std((values - air)[layer]) for values in (done.temperature_c, read))
+        assert off < 0.45 * before  # 0.61 where the calm water said what is usual
