@@ -471,7 +471,8 @@ def held(
     sigma = channel.uncertainty
     impossible = np.abs(past) > READING_SIGMAS * sigma
     odd = np.where(impossible, np.sign(past), broken)
-    as_before, own_way = _as_before(value, own, odd, impossible, readings, notes)
+    # of what is never below nothing a sensor's own error is a share
+    as_before, own_way = _as_before(value, own, odd, impossible, readings, notes, in_proportion=possible[0] == 0.0)
     if (capped := _capped(channel, np.full(raw.shape, -np.inf)) & ~channel.raw).any():
         value = _above_ceiling(value, raw, capped, channel, readings, notes)
         beyond = np.where(capped & np.isfinite(value), value - raw, 0.0)
@@ -497,14 +498,22 @@ def held(
 
 
 def _as_before(
-    value: Array, own: Array, odd: Array, impossible: Mask, readings: FlightReadings, notes: list[str]
+    value: Array,
+    own: Array,
+    odd: Array,
+    impossible: Mask,
+    readings: FlightReadings,
+    notes: list[str],
+    in_proportion: bool,
 ) -> tuple[Array, Mask]:
     """Uncertainty (n,) from where the readings go up (`odd` 1) or down (-1) as no air makes them (`impossible`), or
     none that another sensor would not have shown: it may lie anywhere between what it was before and its `value` (n,),
-    until this is back there, or had the time for that since it went back as oddly; and for as long as the sensor
-    remembers it between that and the sensor's `own` reading. And where (n,) the sensor is likelier to have done that by
+    until this is back there, or had the time for that since it went back as oddly, but not farther off than the sensor
+    was as it had gone, or `in_proportion` to what it reads; and for as long as the sensor remembers it between that and
+    the sensor's `own` reading. And where (n,) the sensor is likelier to have done that by
     itself: it went and came back, both as no air would or the other sensor shows."""
     unsure, itself, rows = np.zeros(value.shape), np.zeros(value.shape, dtype=bool), _remembered(readings)
+    size = np.maximum(np.abs(value), np.finfo(float).tiny) if in_proportion else np.ones(value.shape)
     lagging = np.nan_to_num(np.abs(value - own))
     for gone_at, back_at in there_and_back(odd, rows):
         first, way = gone_at.start, odd[gone_at.start]
@@ -518,7 +527,10 @@ def _as_before(
             until = min(until, back_at.stop + rows)
             moves.append(back_at)
         until = max(until, moves[-1].stop)
-        unsure[first:until] = np.maximum(unsure[first:until], np.maximum(gone, 0.0)[: until - first])
+        # what a sensor does by itself is as large beside what it reads as when it came on: the air may have gone on
+        most = np.abs(gone[farthest] / size[first + farthest]) * size[first:]
+        most[: farthest + 1] = np.inf
+        unsure[first:until] = np.fmax(unsure[first:until], np.clip(gone, 0.0, most)[: until - first])
         for move in moves:
             remembered = slice(move.start, min(move.stop + rows, value.size))
             unsure[remembered] = np.maximum(unsure[remembered], lagging[remembered])

@@ -253,3 +253,18 @@ def test_a_fan_that_stops_now_and_then_warms_too_slowly_for_the_short_windows():
     temperature, humidity = benchmark("flight_harm").score("fan now and then", 3616, False)
     assert temperature["covered"] > 0.9 and humidity["covered"] > 0.9
     assert humidity["ours"] < 0.27 * humidity["reading"]
+
+
+def test_what_a_film_may_have_done_by_itself_grows_with_nothing_that_the_air_does_later():
+    """A dry layer that the temperature does not show, and 200 s later ever drier air: a heater would still take the
+    third of the humidity that it took at first, and not all that has gone since."""
+    scene = convective(np.random.default_rng(5), duration_s=400.0)
+    quiet = 20.0 + 0.3 * (scene.temperature_c - scene.temperature_c.mean())
+    dry = np.interp(scene.time_s, [0.0, 100.0, 100.02, 130.0, 350.0, 400.0], [45.0, 45.0, 30.0, 30.0, 3.0, 3.0])
+    dry = dry + 0.02 * (scene.humidity_percent - scene.humidity_percent.mean())
+    log = to_flight(fly(dataclasses.replace(scene, temperature_c=quiet, humidity_percent=dry), PROFILE, 5).log)
+    done = correct(log, PROFILE)
+    assert any("temperature shows nothing of it" in note for note in done.notes)
+    sigma = done.humidity_uncertainty_percent
+    assert np.nanmedian(sigma[1050:1250]) == pytest.approx(15.0 / np.sqrt(3.0), rel=0.1)
+    assert np.nanmedian(sigma[3600:]) < 1.5  # 24 where the way down to 3 %RH was taken for the film's as well
