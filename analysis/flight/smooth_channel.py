@@ -172,7 +172,9 @@ def _own_places(
     for stretch in track.stretches:
         # of a stretch that ends within the flight those behind are none of it
         pull[stretch] -= np.median(pull[stretch])
-    size = np.abs(pull) / max(MAD_TO_SIGMA * float(np.median(np.abs(pull[read]))), np.finfo(float).tiny)
+    usual = MAD_TO_SIGMA * float(np.median(np.abs(pull[read])))
+    # where nothing pulls all readings are as the air would have them
+    size = np.abs(pull) / usual if usual > 0.0 else np.zeros(pull.shape)
     near = maximum_filter1d(stepped.astype(int), 2 * LOOK_BACK + 1) > 0
     largest = maximum_filter1d(size, 2 * LOOK_BACK + 1, mode="nearest")
     largest[0] = np.inf  # before the first node is nothing that it could step from
@@ -512,7 +514,7 @@ MISSED_PERIODS = 1.6  # between two readings: beyond, one is missing
 LONGEST_BRIDGE_S = 60.0  # beyond, a gap parts the flight
 SEGMENT_S = 25.0  # over which the air's turbulence intensity is taken as one, at least
 SEGMENT_LAGS = 12.0  # and so many of the sensor's time constants, or a slow sensor cannot tell it
-SEGMENT_SAMPLES = 250  # about which scores of jumps are usual
+SEGMENT_SAMPLES = 250  # about which scores of jumps are usual, and at least of a segment of readings in coarse steps
 LONGEST_SEGMENT = 500
 SHORTEST_SEGMENT = 60
 LARGEST_SHARE = 0.4  # of a flight: one inversion does not speak for all of it
@@ -1030,7 +1032,8 @@ def _local_priors(
     """
     typical = float(np.sqrt(np.mean(noise**2)))
     lasting = max(SEGMENT_LAGS * along.slowest_s, SEGMENT_S) / period
-    size = int(np.clip(lasting, SHORTEST_SEGMENT, LONGEST_SEGMENT))
+    # of readings that hide the air, so that one segment may be all of the flight, it takes more to tell how it varies
+    size = int(np.clip(lasting, SHORTEST_SEGMENT if largest < 1.0 else SEGMENT_SAMPLES, LONGEST_SEGMENT))
     size = min(size, max(SHORTEST_SEGMENT, int(largest * bridged.size)), bridged.size)
     if size < 24:
         # too few for a spectrum: each between the strengths at which the readings, and the air, would vary as was read
