@@ -19,9 +19,13 @@ from scipy.signal import lfilter
 CORMORANTS = "cpforager-1.3.1/data/PER_PSC_2008_11/*LBOU_{}_*TDR*.csv"
 SEAL = "scikit_divemove-1.0.0/skdiveMove/tests/data/ag_mk7_2002_022.nc"
 SONDES = "pydropsonde-0.4.1/example_data"
+GLIDER = "basestation3/testdata/sg171_EKAMSAT_Apr24/p17101{}.nc"
+GLIDER_FOUND, GLIDER_JUDGED = ("05", "09"), ("04", "06", "08")  # dives, as numbers 101xx
 SONDE_FOLDERS = ("HALO/Level_0/HALO*/D*", "P3/Level_0/*/D*", "HALO/Level_0/empty_afile/D*")
-GRID = (np.arange(0.3, 1.6, 0.02), np.arange(4.0, 42.0, 2.0), np.arange(20.0, 170.0, 10.0))  # sondes, birds, seal
-FOUND_BY = (CORMORANTS.format(55), CORMORANTS.format(56), SEAL, f"{SONDES}/{SONDE_FOLDERS[0]}")
+GRID = (  # sondes, birds, seal, glider
+    *(np.arange(0.3, 1.6, 0.02), np.arange(4.0, 42.0, 2.0), np.arange(20.0, 170.0, 10.0), np.arange(1.0, 15.0, 0.25)),
+)
+FOUND_BY = (CORMORANTS.format(55), CORMORANTS.format(56), SEAL, f"{SONDES}/{SONDE_FOLDERS[0]}", GLIDER.format("04"))
 
 
 @dataclass(frozen=True)
@@ -120,7 +124,7 @@ def response_of(groups: list, start_s: list[float], step_s: float, layer_m: floa
     return Response(np.mean(found, axis=0), np.std(found, axis=0, ddof=1))
 
 
-# --- the three sets ---
+# --- the four sets ---
 
 
 def runs(depth: np.ndarray, below: float, deepest: float) -> list[tuple[int, int]]:
@@ -252,3 +256,37 @@ def dropsondes(folder: Path) -> RealSet:
         logs.append(Log(frame.drop(columns="flies"), pick, 0.0 * pick, air_at(frame, response.lags_s[0])[judged]))
     what = f"first 4 s after the launch less the air's own line, median of {len(logs)} sondes, 2 Hz"
     return RealSet("dropsondes, air", what, logs, response, 0.02, 0.0, (0,), GRID[0], median_rms)
+
+
+def dive_of(path: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Rows of a glider's optode, which lags, within those of the CTD beside it, which hardly does."""
+    with netCDF4.Dataset(path) as d:
+        names = ("aa4831_time", "aa4831_temp", "ctd_time", "temperature_raw", "time", "depth")
+        own_s, own_c, ctd_s, ctd_c, time_s, depth_m = (np.ma.filled(d[n][:].astype(float), np.nan) for n in names)
+    ctd = pd.DataFrame({"time_s": ctd_s, "temperature_c": ctd_c}).dropna()
+    known = np.isfinite(depth_m)
+    own = pd.DataFrame({"time_s": own_s, "temperature_c": own_c}).dropna().drop_duplicates("time_s")
+    own = own[own.time_s.between(ctd.time_s.iloc[0], ctd.time_s.iloc[-1])].sort_values("time_s")
+    frame = own.assign(altitude_m=-np.interp(own.time_s, time_s[known], depth_m[known]))
+    return frame.reset_index(drop=True), ctd
+
+
+def glider(folder: Path) -> RealSet:
+    found = []
+    for dive in GLIDER_FOUND:
+        frame, ctd = dive_of(folder / GLIDER.format(dive))
+        grid_s = np.arange(ctd.time_s.iloc[0], ctd.time_s.iloc[-1])
+        water = np.interp(grid_s, ctd.time_s, ctd.temperature_c)[:, None]
+        behind = [frame.temperature_c - np.interp(frame.time_s, grid_s, lagged(water, lag_s, water[0, 0], 1.0)[:, 0])
+                  for lag_s in GRID[3]]  # fmt: skip
+        best = int(np.argmin([np.std(left) for left in behind]))
+        found.append((GRID[3][best], float(np.mean(behind[best]))))
+    lags_s, offsets_k = zip(*found, strict=True)
+    response, logs = Response(np.array([np.mean(lags_s)]), np.array([np.std(lags_s, ddof=1)])), []
+    for dive in GLIDER_JUDGED:
+        frame, ctd = dive_of(folder / GLIDER.format(dive))
+        water = np.interp(frame.time_s, ctd.time_s, ctd.temperature_c) + np.mean(offsets_k)
+        pick = np.eye(len(frame))
+        logs.append(Log(frame, pick, 0.0 * pick, water))
+    what = f"less the CTD beside it, {len(logs)} dives of a glider's optode to 500 m, 5 and 10 s"
+    return RealSet("glider, water", what, logs, response, 0.005, 1.0, (5, 11, 21, 31), GRID[3], rms)

@@ -3,9 +3,11 @@
     pip download --no-deps --no-binary :all: cpforager==1.3.1 scikit-diveMove==1.0.0 pydropsonde==0.4.1
     python benchmarks/real_passes.py --logs FOLDER
 
-`FOLDER` holds the three source packages, unpacked (each .tar.gz by `tar xf`). They state their licences as AGPL-3.0,
-AGPL-3.0-or-later and MIT; nothing of them is kept here. No truth is known of such logs, but a cormorant and a seal pass
-the same water downwards and upwards, and a sonde out of a warm cabin falls into air that goes on as it was. How each
+`FOLDER` holds the three source packages, unpacked (each .tar.gz by `tar xf`), and as `basestation3` a checkout of
+github iop-apl-uw/basestation3 @1fc0ee7. They state their licences as AGPL-3.0, AGPL-3.0-or-later, MIT and one like
+BSD; nothing of them is kept here. No truth is known of such logs, but a cormorant and a seal pass the same water
+downwards and upwards, a sonde out of a warm cabin falls into air that goes on as it was, and a glider's optode, which
+lags, is beside a CTD that hardly does. How each
 sensor responds is estimated from other dives and sondes than are judged (`real_pass_sets.py`). Beside the correction:
 first order, whose time constant and window are the best in hindsight, and the very response that `shockrig.correct` is
 given, inverted by hand, with the window that is the best in hindsight.
@@ -22,7 +24,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from real_pass_sets import FOUND_BY, Log, RealSet, Response, cormorants, dropsondes, fur_seal
+from real_pass_sets import FOUND_BY, Log, RealSet, Response, cormorants, dropsondes, fur_seal, glider
 from scipy.signal import savgol_filter
 
 
@@ -80,7 +82,7 @@ def corrected(real: RealSet) -> tuple[list[np.ndarray], float]:
 
 
 def line(name: str, figures: Iterable[float | None], covered: float | None, what: str) -> str:
-    cells = "".join(f"{'-' if f is None else format(f, '.2f'):>10}" for f in figures)
+    cells = "".join(f"{'-' if f is None else format(f, '.3f'):>10}" for f in figures)
     return f"{name:<26}{cells}{'-' if covered is None else format(covered, '.0%'):>9}  {what}"
 
 
@@ -114,7 +116,7 @@ def rows(real: RealSet) -> list[str]:
 
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--logs", type=Path, required=True, help="folder with the three source packages, unpacked")
+    parser.add_argument("--logs", type=Path, required=True, help="folder with the three packages and the checkout")
     folder = parser.parse_args(argv).logs
     for pattern in FOUND_BY:
         if next(folder.glob(pattern), None) is None:
@@ -123,11 +125,12 @@ def main(argv: list[str] | None = None) -> int:
             return 2
     print("error, K; first order and by hand: the best in hindsight; covered: within twice the stated uncertainty")
     print(f"{'':<26}{'as read':>10}{'shockrig':>10}{'1st order':>10}{'by hand':>10}{'covered':>9}  what it is")
-    for make in (cormorants, dropsondes, fur_seal):
+    for make in (cormorants, dropsondes, fur_seal, glider):
         print(f"real_passes: {make.__name__}", file=sys.stderr, flush=True)
         print("\n".join(rows(make(folder))), flush=True)
-    print("\nTwo of the three are water, one is air; no humidity is among them. No truth is known: water that moves")
-    print("between two passes counts as error, and the sondes' air, carried back over 7 s, is good to some 0.5 K.")
+    print("\nThree of the four are water, one is air; no humidity is among them. No truth is known: water that moves")
+    print("between two passes counts as error, the sondes' air, carried back over 7 s, is good to some 0.5 K, and the")
+    print("glider's CTD to what a second sensor a hand's breadth away meets.")
     return 0
 
 
