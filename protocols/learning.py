@@ -78,7 +78,7 @@ def checked(name: str, flight: Flight) -> tuple[Flight, list[str]]:
     flight, codes = without_codes(flight)
     said = code_notes(codes)
     try:
-        part, _, steps = in_order(flight)
+        part, rows, steps = in_order(flight)
     except InputError as error:
         return flight, [*said, str(error)]
     if wrong := slips(part):
@@ -87,7 +87,7 @@ def checked(name: str, flight: Flight) -> tuple[Flight, list[str]]:
         if not np.isfinite(values).any():
             said.append(unrecognised(channel))
     flight, more = with_altitude(flight)
-    return flight, [*said, *doubts(part), *steps, *more]
+    return flight, [*said, *doubts(flight.at(rows)), *steps, *more]
 
 
 def with_altitude(flight: Flight) -> tuple[Flight, list[str]]:

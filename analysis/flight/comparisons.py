@@ -642,9 +642,9 @@ def slow_against_fast(flight: Flight, bead: FlightChannel, notes: list[str]) -> 
 
 
 def seen_by_film(
-    flight: Flight, bead: FlightChannel, film: FlightChannel, notes: list[str]
+    flight: Flight, bead: FlightChannel, film: FlightChannel, notes: list[str], logged_s: Array
 ) -> tuple[FlightChannel, FlightChannel]:
-    """Both channels, as unsure as the temperature moved without the humidity.
+    """Both channels, as unsure as the temperature moved without the humidity; said in the log's own times (n,).
 
     Either the thermometer moved by itself, and what moves it (ice, drops, a fan that stands still) may slow it as well;
     or the air did and the hygrometer's own temperature is late: what it then says of the air is off by as much. Its own
@@ -654,7 +654,7 @@ def seen_by_film(
     if alone is None or air is None or not alone.any():
         return bead, film
     moved = np.flatnonzero(np.diff(alone))
-    first, last = flight.time_s[moved[[0, -1]]]
+    first, last = logged_s[moved[[0, -1]]]
     # it was right before the first of these moves, or is behind the last, or between: nothing tells which; and what
     # moved it comes and goes, the going maybe too slowly to show, so that no sum of moves is what it is off by
     off = np.minimum(np.maximum(np.abs(alone), np.abs(alone - alone[-1])), film.most_alone_k)

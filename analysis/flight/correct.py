@@ -164,20 +164,25 @@ def correct_read(
         raise InputError(f"method {method!r}: expected one of {', '.join([*METHODS, 'causal'])}")
     count = flight.time_s.size
     part, rows, steps = in_order(flight)
-    notes = [*profile_doubts(profile), *said, *doubts(part), *airspeed_notes(part), *steps]
+    # what is said of times is said in the log's own, whatever they were put in order to
+    as_logged = flight.at(rows)
+    notes = [*profile_doubts(profile), *said, *doubts(as_logged), *airspeed_notes(part), *steps]
     if wrong := slips(part, profile):
         bead, film = _as_it_came(part, "; ".join(wrong), notes)
         return _gather(count, rows, bead, film, notes, {}, {})
     stream = _stream(part, profile, notes)
-    solve = METHODS[method]
+
+    def solve(readings: FlightReadings, cutoff_hz: float | None) -> Estimate:
+        return METHODS[method](replace(readings, logged_s=as_logged.time_s), cutoff_hz)
+
     around = _temperature(part, profile, stream, solve, cutoff_hz, temperature_noise_k, notes)
     bead = around.in_free_air(part.time_s)
     film, known, said = _humidity(part, profile, stream, around, bead, solve, cutoff_hz, humidity_noise_percent)
     notes.extend(said)
-    bead, film = seen_by_film(part, bead, film, notes)
+    bead, film = seen_by_film(part, bead, film, notes, as_logged.time_s)
     if unsure is not None:
         bead, film = (one.given_nowhere(unsure[rows]) for one in (bead, film))
-    bead, film = (one.as_it_changed(part.time_s, notes) for one in (bead, film))
+    bead, film = (one.as_it_changed(as_logged.time_s, notes) for one in (bead, film))
     bead, film, widened = compared(part, bead, film, notes, known)
     slow_against_fast(part, bead, notes)
     slower = {} if known is None else {film.name: known.slower}

@@ -190,9 +190,11 @@ def _swapped(flight: Flight, profile: Profile | None) -> bool:
 def doubts(flight: Flight) -> list[str]:
     """Sentences on times that are no seconds, temperatures that are none of air in degC, humidities that are none in
     percent, pressures that are none of air in hPa and altitudes that are none in metres, on readings that stand still
-    and airspeeds that cannot be; empty where all may be right."""
+    and airspeeds that cannot be; empty where all may be right. Rows as the log has them, clock and all."""
     found = []
-    lasts, period = float(np.ptp(flight.time_s)), typical_period(flight.time_s)
+    ahead = np.diff(flight.time_s, prepend=flight.time_s[:1])
+    since = np.cumsum(np.maximum(ahead, 0.0))  # a clock that is set back says nothing of how long that took
+    lasts, period = float(since[-1]), typical_period(flight.time_s)
     if lasts > LONGEST_FLIGHT_S and period > SLOWEST_PERIOD_S:
         found.append(
             f"time_s: the log lasts {lasts / 3600:.3g} h with a row every {period:.3g} s: if these are milliseconds, "
@@ -204,7 +206,7 @@ def doubts(flight: Flight) -> list[str]:
         first, rows = _stands(values)
         known = values[np.isfinite(values)]
         if rows > HALF_STILL * values.size and not stairs(known, resolution_of(known)):
-            lasting = float(flight.time_s[first + rows - 1] - flight.time_s[first])
+            lasting = float(since[first + rows - 1] - since[first])
             found.append(
                 f"{name}: the reading stands at {values[first]:.6g} {unit} for {lasting:.3g} s of {lasts:.3g} s: the "
                 "sensor or the logger was stuck, and what was there is told by the readings before and after alone"

@@ -61,6 +61,8 @@ class FlightReadings:
         Rows from which on the sensor is known to read more or less than before.
     told : ndarray (n,) or None
         What the sensor would have read, where that is told by another; NaN elsewhere.
+    logged_s : ndarray (n,) or None
+        Times as the log has them, where these were put in order.
     """
 
     channel: str
@@ -76,6 +78,19 @@ class FlightReadings:
     loud: Mask | None = None
     stepped: Mask | None = None
     told: Array | None = None
+    logged_s: Array | None = None
+
+
+@dataclass(frozen=True)
+class OddMove:
+    """A reading that goes up (`way` 1) or down (-1) from a row on, and `why` that is odd; `until` a row the air may be
+    as it was before, and `is_undone` where it comes back as oddly."""
+
+    row: int
+    until: int
+    way: float
+    why: str
+    is_undone: bool
 
 
 @dataclass(frozen=True)
@@ -164,6 +179,8 @@ class FlightChannel:
         What it has in it of an error that stays for as long as a rounded reading does.
     apart : ndarray (n,) or float
         How far the air is from a reading as a rule, where it varies as about each row.
+    odd_moves : tuple of OddMove
+        Where readings went as no air makes them, or where no other sensor did.
     """
 
     name: str
@@ -186,6 +203,7 @@ class FlightChannel:
     as_before: Array | None = None
     staying: Array | float = 0.0
     apart: Array | float = 1.0
+    odd_moves: tuple[OddMove, ...] = ()
 
     @property
     def total_uncertainty(self) -> Array:
@@ -213,14 +231,22 @@ class FlightChannel:
         value, uncertainty, common = of_value
         return replace(self, value=value, uncertainty=uncertainty, common=common)
 
-    def as_it_changed(self, time_s: Array, notes: list[str]) -> FlightChannel:
-        """The same, as unsure as the sensor itself has changed: nothing tells when it was right."""
+    def as_it_changed(self, logged_s: Array, notes: list[str]) -> FlightChannel:
+        """The same, as unsure as the sensor itself has changed: nothing tells when it was right. When it did, and when
+        its readings moved oddly, is said in the times that the log has (n,)."""
+        notes.extend(
+            f"{self.name}: from {logged_s[one.row]:.10g} s on the reading goes {'up' if one.way > 0 else 'down'} "
+            f"{one.why}; until {logged_s[one.until]:.10g} s the air may be as it was before"
+            + (", and is given as read, since it comes back like that as well" if one.is_undone else "")
+            for one in self.odd_moves
+        )
         if self.changed is None:
             return self
         jumps, unit = np.flatnonzero(self.changed.steps), "%RH" if self.name == "humidity" else "K"
+        at_s, size = logged_s[jumps[0]], self.changed.steps[jumps[0]]
         more = f", {counted(jumps.size - 1, 'more jump')} behind it" if jumps.size > 1 else ""
         notes.append(
-            f"{self.name}: at {time_s[jumps[0]]:.10g} s the reading jumps by {self.changed.steps[jumps[0]]:.2g} {unit}"
+            f"{self.name}: at {at_s:.10g} s the reading jumps by {size:.2g} {unit}"
             f"{more}, which no air makes it do behind its lag: the sensor changed (its supply, a converter's range); "
             "nothing tells on which side it was right, and uncertainties are widened by that"
         )
@@ -472,7 +498,8 @@ def held(
     impossible = np.abs(past) > READING_SIGMAS * sigma
     odd = np.where(impossible, np.sign(past), broken)
     # of what is never below nothing a sensor's own error is a share
-    as_before, own_way = _as_before(value, own, odd, impossible, readings, notes, in_proportion=possible[0] == 0.0)
+    share = possible[0] == 0.0
+    as_before, own_way, odd_moves = _as_before(value, own, odd, impossible, readings, in_proportion=share)
     if (capped := _capped(channel, np.full(raw.shape, -np.inf)) & ~channel.raw).any():
         value = _above_ceiling(value, raw, capped, channel, readings, notes)
         beyond = np.where(capped & np.isfinite(value), value - raw, 0.0)
@@ -491,27 +518,22 @@ def held(
     unsure = np.hypot(np.hypot(np.where(capped, sigma, channel.uncertainty), anywhere), left_open)
     beyond = np.where(capped, 0.0, _beyond_both_sides(channel, readings, unit))
     wider = np.hypot(channel.uncertainty, np.hypot(beyond, as_before))
-    channel = replace(channel, uncertainty=wider, as_before=as_before)
+    channel = replace(channel, uncertainty=wider, as_before=as_before, odd_moves=odd_moves)
     channel = _nearer(channel, readings, unit, np.hypot(unsure, beyond))
     as_read = own_way & np.isfinite(own) & ~(channel.raw | capped)
     return replace(channel, value=np.where(as_read, own, channel.value))
 
 
 def _as_before(
-    value: Array,
-    own: Array,
-    odd: Array,
-    impossible: Mask,
-    readings: FlightReadings,
-    notes: list[str],
-    in_proportion: bool,
-) -> tuple[Array, Mask]:
+    value: Array, own: Array, odd: Array, impossible: Mask, readings: FlightReadings, in_proportion: bool
+) -> tuple[Array, Mask, tuple[OddMove, ...]]:
     """Uncertainty (n,) from where the readings go up (`odd` 1) or down (-1) as no air makes them (`impossible`), or
     none that another sensor would not have shown: it may lie anywhere between what it was before and its `value` (n,),
     until this is back there, or had the time for that since it went back as oddly, but not farther off than the sensor
     was as it had gone, or `in_proportion` to what it reads; and for as long as the sensor remembers it between that and
-    the sensor's `own` reading. And where (n,) the sensor is likelier to have done that by
-    itself: it went and came back, both as no air would or the other sensor shows."""
+    the sensor's `own` reading. And where (n,) the sensor is likelier to have done that by itself: it went and came
+    back, both as no air would or the other sensor shows; and these moves."""
+    found: list[OddMove] = []
     unsure, itself, rows = np.zeros(value.shape), np.zeros(value.shape, dtype=bool), _remembered(readings)
     size = np.maximum(np.abs(value), np.finfo(float).tiny) if in_proportion else np.ones(value.shape)
     lagging = np.nan_to_num(np.abs(value - own))
@@ -535,18 +557,13 @@ def _as_before(
             remembered = slice(move.start, min(move.stop + rows, value.size))
             unsure[remembered] = np.maximum(unsure[remembered], lagging[remembered])
             itself[remembered] |= back_at is not None
-        until_s = readings.time_s[min(until, value.size - 1)]
         why = (
             "as behind its lag no air makes it: the sensor was wet, or is faster than the profile says"
             if impossible[gone_at].any()
             else "at once and the temperature shows nothing of it: other air, or the sensor itself (a drop, a heater)"
         )
-        notes.append(
-            f"{readings.channel}: from {readings.time_s[first]:.10g} s on the reading goes "
-            f"{'up' if way > 0 else 'down'} {why}; until {until_s:.10g} s the air may be as it was before"
-            + (", and is given as read, since it comes back like that as well" if back_at is not None else "")
-        )
-    return unsure / np.sqrt(3.0), itself
+        found.append(OddMove(first, min(until, value.size - 1), float(way), why, back_at is not None))
+    return unsure / np.sqrt(3.0), itself, tuple(found)
 
 
 def there_and_back(odd: Array, rows: int) -> list[tuple[slice, slice | None]]:

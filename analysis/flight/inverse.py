@@ -294,9 +294,10 @@ def _evenly(readings: FlightReadings) -> tuple[float, Array, Array]:
     own = readings.time_s - readings.delay_s
     if np.ptp(own) > MOST_GAPS * own.size * period:
         row = int(np.argmax(np.diff(own)))
+        logged_s = own if readings.logged_s is None else readings.logged_s
         raise RefusedError(
-            f"{readings.channel}: time_s leaps by {own[row + 1] - own[row]:.3g} s at {own[row]:.1f} s, and the inverse "
-            "needs even steps; fix the log's clock or cut the log there, or use the smoother"
+            f"{readings.channel}: time_s leaps by {logged_s[row + 1] - logged_s[row]:.3g} s at {logged_s[row]:.1f} s, "
+            "and the inverse needs even steps; fix the log's clock or cut the log there, or use the smoother"
         )
     time = np.arange(own[0], own[-1] + readings.delay_s + 0.5 * period, period)
     return period, time, np.interp(time, own[rows], readings.reading[rows])

@@ -1,10 +1,13 @@
 """Steps of a log's clock: set while readings ran on, or after rows that nobody has."""
 
+import re
+
 import numpy as np
 import pandas
 import pytest
 
 from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.flight.inverse import RefusedError
 from shockrig.analysis.flight.response import film_response
 from shockrig.analysis.flight.screen import clock
 from shockrig.analysis.flight.simulated.scenes import to_flight
@@ -80,6 +83,31 @@ def test_a_channel_that_runs_on_does_not_outvote_one_that_does_not():
     assert clock(time_s, 120.0, (calm,)).steps[0].runs_on
     assert not clock(time_s, 120.0, (calm, bent)).steps[0].runs_on
     assert not clock(time_s, 120.0).steps[0].runs_on
+
+
+@pytest.mark.parametrize("by", [0.0, -75.0])
+def test_times_that_are_said_are_the_logs_own(flown, by):
+    """Rows lost for 20 s, and a clock that starts anew behind them or not; later the hygrometer jumps and the bead goes
+    alone. Before: every time behind the step was said 100 s late, or by whatever a step is parted by."""
+    log = flown.log.drop(index=range(100, 300)).reset_index(drop=True)
+    log.loc[100:, "time_s"] += by
+    log.loc[600:, "humidity_percent"] += 6.0
+    log.loc[300:330, "temperature_c"] += 4.0
+    notes = correct(to_flight(log), PROFILE).notes
+    assert any("a gap, across which nothing is concluded" in note for note in notes)
+    jumped = float(log["time_s"][600])
+    assert any(note.startswith(f"humidity: at {jumped:.10g} s the reading jumps") for note in notes)
+    said = [float(one) for note in notes for one in re.findall(r"(?:at|from|until|between|and|to) (-?[0-9.]+) s", note)]
+    assert said and all(np.abs(log["time_s"] - one).min() < 0.05 for one in said)
+
+
+def test_an_inverse_says_where_the_log_leaps_in_its_own_times():
+    """A logger that wakes for half a second once a minute. Before: "leaps by 120 s", which it nowhere does."""
+    time_s = (60.0 * np.arange(40)[:, None] + 0.1 * np.arange(6)).ravel()
+    some = np.random.default_rng(3).standard_normal(time_s.size)
+    log = pandas.DataFrame({"time_s": time_s, "temperature_c": 20.0 + 0.02 * some, "humidity_percent": 50.0 + some})
+    with pytest.raises(RefusedError, match=r"time_s leaps by 59.5 s at \d+\.5 s"):
+        correct(to_flight(log), PROFILE, "inverse")
 
 
 def test_lags_start_from_rest_where_nothing_before_tells():
