@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 from scipy.special import bdtrc
@@ -131,6 +132,8 @@ LONGEST_GAP_S = 10.0  # without any row: more may be a step of the clock
 GAP_PERIODS = 10.0  # or so many periods, in a slow log
 SIDE_ROWS = 12  # on either side of a step of the clock that lines are laid through
 USUAL_SHARE = 0.99  # of other rows, that differ by as much
+ALIKE_SHARE, FEWEST_ALIKE = 0.05, 20  # of the other rows, where readings go most nearly as fast
+PAUSES_A_SETTING = 10.0  # of loggers, while they log
 FEWEST_ROWS = 6  # that go on from a step of the clock; fewer are out of place
 FEWEST_CHANGES = 8  # of a reading, to judge the steps of its log by
 CAPPED_SHARE = 0.02  # of the rows, that hold the largest reading and the one before it as well
@@ -233,42 +236,91 @@ def clock(time_s: Array, part_s: float, readings: Sequence[Array] = ()) -> Order
             break
         i = min(astray, key=lambda i: sizes[i])
         good[rows[bounds[i] : bounds[i + 1]]] = False
-    on = _running_on([one[rows] for one in readings], bounds[1:-1], rows.size)
+    period = float(np.median(usual)) if usual.size else part_s
+    left_out = np.minimum(np.maximum(ahead[bounds[1:-1] - 1], 0.0) / period, rows.size).astype(np.int64)
+    on = _running_on([one[rows] for one in readings], bounds[1:-1], left_out, rows.size)
     steps = tuple(ClockStep(int(rows[k]), float(ahead[k - 1]), bool(on[k])) for k in bounds[1:-1])
-    part = np.where(on[1:], float(np.median(usual)) if usual.size else part_s, part_s)
+    part = np.where(on[1:], period, part_s)
     even = np.concatenate([[0.0], np.where(parting, part, ahead)])
     return OrderedTime(good, time_s[rows[0]] + np.cumsum(even) if steps else time_s[rows], steps)
 
 
-def _running_on(readings: Sequence[Array], steps: NDArray[np.int64], size: int) -> Mask:
+def _running_on(readings: Sequence[Array], steps: NDArray[np.int64], left_out: NDArray[np.int64], size: int) -> Mask:
     """Rows (`size`,) of `steps` across which every reading runs on: straight lines through the rows before and after
-    differ in level and slope by no more than at nearly all other rows. A sensor that lags shows any time left out."""
+    differ in level and slope by no more than at nearly all other rows. A sensor that lags shows any time left out.
+
+    A clock that steps ahead by as many rows as are `left_out` (s,) may as well have paused, and mostly has: it was set
+    if readings that go as fast would have shown that, anywhere else in the log. Those that stand still would not.
+    """
     on = np.zeros(size, dtype=bool)
     seen = [one for one in readings if np.count_nonzero(np.isfinite(one)) > 0.5 * size]
     if not seen or size < 20 * SIDE_ROWS:
         return on
-    # a line through each side, both at the middle between them: level and slope as weights of the 2 x SIDE_ROWS rows
-    x = np.arange(SIDE_ROWS) + 0.5
-    slope = (x - x.mean()) / ((x - x.mean()) ** 2).sum()
-    level = 1.0 / SIDE_ROWS - x.mean() * slope
-    weights = (np.concatenate([-level[::-1], level]), np.concatenate([slope[::-1], slope]))
-    ordinary = np.ones(size + 1, dtype=bool)
-    ordinary[:SIDE_ROWS] = ordinary[size - SIDE_ROWS + 1 :] = False
-    inside = ordinary.copy()
-    for k in steps:
-        ordinary[max(k - SIDE_ROWS, 0) : k + SIDE_ROWS + 1] = False
-    if np.count_nonzero(ordinary) < 10 * SIDE_ROWS:
+    inside = steps[(steps >= SIDE_ROWS) & (steps <= size - SIDE_ROWS)]
+    parted = np.zeros(size + 1, dtype=int)
+    parted[steps] = 1
+    parted = np.cumsum(parted)
+    ends = np.arange(SIDE_ROWS, size - SIDE_ROWS + 1)  # of the rows before, which those behind begin at
+
+    def unparted(before: NDArray[np.int64], behind: NDArray[np.int64]) -> Mask:
+        return np.asarray(parted[behind + SIDE_ROWS - 1] == parted[before - SIDE_ROWS])
+
+    ordinary = ends[unparted(ends, ends)]
+    if ordinary.size < 10 * SIDE_ROWS:
         return on
-    on[steps] = inside[steps]
-    for one in seen:
-        known = np.isfinite(one)
-        values = np.interp(np.arange(size), np.flatnonzero(known), one[known])
-        values = median_filter(values, 3, mode="nearest")  # single absurd readings
-        for weight in weights:
-            apart = np.full(size + 1, np.inf)
-            apart[SIDE_ROWS : size - SIDE_ROWS + 1] = np.abs(np.correlate(values, weight, mode="valid"))
-            on[steps] &= apart[steps] <= np.quantile(apart[ordinary], USUAL_SHARE)
+    lines = [_Lines(one, ordinary) for one in seen]
+    on[inside] = np.logical_and.reduce([one.runs_on(inside) for one in lines])
+    for row, rows in zip(steps.tolist(), left_out.tolist(), strict=True):
+        if not on[row] or rows <= 0:
+            continue
+        cut = ends[: max(ends.size - rows, ends.size // 2)]
+        behind = cut + min(rows, ends.size - cut.size)
+        here, whole = np.array([row]), unparted(cut, behind)
+        rate = np.max([one.rate(here, here) for one in lines])
+        either = []
+        for at in ((ordinary, ordinary), (cut[whole], behind[whole])):
+            off = np.abs(np.max([one.rate(*at) for one in lines], axis=0) - rate)
+            alike = np.argsort(off, kind="stable")[: max(int(ALIKE_SHARE * off.size), FEWEST_ALIKE)]
+            either.append(np.concatenate([one.apart(*(some[alike] for some in at)) for one in lines]))
+        usual = np.maximum(np.median(either[0], axis=1), np.finfo(float).tiny)
+        here_apart = np.max(np.concatenate([one.apart(here, here) for one in lines])[:, 0] / usual)
+        set_apart, paused_apart = (np.max(one / usual[:, None], axis=0) for one in either)
+        # half of the clocks that are set leave them as near as that, or nearer, and hardly any leaves them farther
+        near = max(here_apart, float(np.median(set_apart)))
+        as_set, as_paused = ((np.count_nonzero(one <= near) + 1) / (one.size + 2) for one in (set_apart, paused_apart))
+        on[row] = near <= np.quantile(set_apart, USUAL_SHARE) and as_set > PAUSES_A_SETTING * as_paused
     return on
+
+
+class _Lines:
+    """Straight lines through as many rows of a reading (n,) before any row, and from any row on, both where they meet
+    if no time lies between; and how far these are apart at most, at nearly all `ordinary` rows."""
+
+    def __init__(self, values: Array, ordinary: NDArray[np.int64]) -> None:
+        known = np.isfinite(values)
+        values = np.interp(np.arange(values.size), np.flatnonzero(known), values[known])
+        values = median_filter(values, 3, mode="nearest")  # single absurd readings
+        x = np.arange(SIDE_ROWS) + 0.5
+        slope = (x - x.mean()) / ((x - x.mean()) ** 2).sum()
+        level = 1.0 / SIDE_ROWS - x.mean() * slope
+        rows = sliding_window_view(values, SIDE_ROWS)
+        # level and slope (2, n - SIDE_ROWS + 1) of the rows from each on, at their end and at their beginning
+        self.before = np.stack([rows @ level[::-1], rows @ slope])
+        self.behind = np.stack([rows @ level, rows @ slope])
+        self.most = np.quantile(self.apart(ordinary, ordinary), USUAL_SHARE, axis=1, keepdims=True)
+
+    def apart(self, before: NDArray[np.int64], behind: NDArray[np.int64]) -> Array:
+        """Differences (2, m) of the lines up to some rows and from others on, in level and slope."""
+        return np.asarray(np.abs(self.behind[:, behind] - self.before[:, before - SIDE_ROWS]))
+
+    def runs_on(self, rows: NDArray[np.int64]) -> Mask:
+        """Whether (m,) the lines are as near as that."""
+        return np.asarray((self.apart(rows, rows) <= self.most).all(axis=0))
+
+    def rate(self, before: NDArray[np.int64], behind: NDArray[np.int64]) -> Array:
+        """How fast (m,) a reading goes on both sides, beside what its level may be off by."""
+        going = np.abs(self.behind[1, behind] + self.before[1, before - SIDE_ROWS])
+        return np.asarray(going / max(float(self.most[0, 0]), np.finfo(float).tiny))
 
 
 def _out_of_place(time_s: Array, longest: float) -> NDArray[np.int64]:

@@ -78,11 +78,27 @@ def test_a_channel_that_runs_on_does_not_outvote_one_that_does_not():
     rng = np.random.default_rng(5)
     time_s = np.arange(1000) * 0.1
     time_s[500:] += 40.0
-    calm = 20.0 + 0.02 * rng.standard_normal(1000)
+    going = 20.0 + 0.02 * np.arange(1000) + 0.02 * rng.standard_normal(1000)
     bent = np.where(np.arange(1000) < 500, 0.0, 0.004 * (np.arange(1000) - 500.0)) + 0.001 * rng.standard_normal(1000)
-    assert clock(time_s, 120.0, (calm,)).steps[0].runs_on
-    assert not clock(time_s, 120.0, (calm, bent)).steps[0].runs_on
+    assert clock(time_s, 120.0, (going,)).steps[0].runs_on
+    assert not clock(time_s, 120.0, (going, bent)).steps[0].runs_on
     assert not clock(time_s, 120.0).steps[0].runs_on
+
+
+@pytest.mark.parametrize("noise", [0.001, 0.02, 0.3])
+def test_a_logger_that_pauses_where_readings_stand_still_was_not_set(noise):
+    """A dive to water of one temperature and back, no rows for half a minute at the bottom, and calm air throughout:
+    readings run on as they would have with as many rows left out. Before: "it was set", and half a minute was lost."""
+    rng = np.random.default_rng(8)
+    time_s = 1.5 * np.arange(1200) + np.where(np.arange(1200) < 600, 0.0, 30.0)
+    depth_m = 0.3 * np.minimum(np.arange(1200), 1200 - np.arange(1200))
+    dive = 10.0 + 15.0 * np.exp(-depth_m / 40.0)
+    for still in (dive, np.full(1200, 20.0)):
+        (step,) = clock(time_s, 120.0, (still + noise * rng.standard_normal(1200),)).steps
+        assert (step.row, step.runs_on) == (600, False)
+    # and where they go fast, in the middle of the way down, they would have shown it
+    time_s = 1.5 * np.arange(1200) + np.where(np.arange(1200) < 150, 0.0, 30.0)
+    assert clock(time_s, 120.0, (dive + 0.001 * rng.standard_normal(1200),)).steps[0].runs_on
 
 
 @pytest.mark.parametrize("by", [0.0, -75.0])
