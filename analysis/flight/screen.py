@@ -1,10 +1,10 @@
 """Which samples of a flight to believe: codes for no value, times that run forward, readings that are new and
 possible.
 
-A reading is implausible outside what its quantity can be, where it stands alone against the median around it, or
-between two jumps that the sensor's lag lets nothing make; it is repeated where it equals the one before although the
-noise is wider than the resolution, or where it stays about one level although the sensor is noisier; a repeat is used
-all the same where the resolution explains it.
+A reading is implausible outside what its quantity can be, where it stands alone against the median around it, beside
+such ones and far from what is read on either side, or between two jumps that the sensor's lag lets nothing make; it is
+repeated where it equals the one before although the noise is wider than the resolution, or where it stays about one
+level although the sensor is noisier; a repeat is used all the same where the resolution explains it.
 """
 
 from __future__ import annotations
@@ -389,6 +389,8 @@ def screen(
         if lagging is not None and spiked.any():
             spiked &= _spikes(lagging[rows], new, swing * share, noise, resolution)
         implausible[rows] |= np.repeat(lone | (spiked & ~of_air), lasting)
+    # what is left of a burst would be one end of a stretch that the rest of the log is the other of
+    implausible |= _in_bursts(reading, believed & ~implausible, implausible, swing)
     believed &= ~implausible
     by_steps = stairs(reading[np.flatnonzero(believed)], resolution, noise)
     spikes = implausible & (reading >= possible.low) & (reading <= possible.high)
@@ -505,6 +507,27 @@ def _spikes(values: Array, new: NDArray[np.int64], swing: float, noise: float, r
     if spiked.any():
         spiked &= np.abs(values - _around(values, AROUND_WIDTH))[new] > most
     return np.asarray(spiked)
+
+
+def _in_bursts(reading: Array, believed: Mask, implausible: Mask, swing: float) -> Mask:
+    """Believed readings (n,) beside `implausible` ones, and beside one another from there on, that are farther from
+    what was read before and behind than the air goes and comes back: what is left of a burst is none of the air's."""
+    found = np.zeros(reading.shape, dtype=bool)
+    beside = maximum_filter1d(implausible, 3)
+    while True:
+        rows = np.flatnonzero(believed & ~found)
+        values = reading[rows]
+        if rows.size < AROUND_WIDTH or not beside[rows].any():
+            return found
+        half = AROUND_WIDTH // 2
+        sides = np.stack([median_filter(values, AROUND_WIDTH, mode="nearest", origin=end) for end in (half, -half)])
+        off = np.maximum(values - sides.max(axis=0), sides.min(axis=0) - values) > swing
+        number = np.cumsum(np.diff(off, prepend=False) & off) * off
+        more = off & np.isin(number, number[off & beside[rows]])
+        if not more.any():
+            return found
+        found[rows[more]] = True
+        beside |= maximum_filter1d(found, 3)
 
 
 def _around(values: Array, width: int) -> Array:

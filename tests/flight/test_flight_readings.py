@@ -123,6 +123,37 @@ def test_a_burst_of_noise_is_noise_and_not_air():
     assert np.mean(np.abs(error) <= 1.96 * done.temperature_uncertainty_k) > 0.9
 
 
+BURST = [-88.1] + [99.0] * 7 + [-98.98, 99.0] + [-98.98] * 3 + [-87.9, -65.3, -47.8, -38.2, -46.5, -23.0, 1.4]
+
+
+@pytest.mark.parametrize("share", [0.3, 0.95])
+def test_what_a_burst_of_nonsense_leaves_at_its_edge_is_none_of_the_airs(share):
+    """A plug that lost contact: full scale up and down, then back row by row, as a lag would. Before: five of these
+    rows were readings, and of a fast sensor's log all that came before the burst was none."""
+    rows, burst = np.arange(400), slice(200, 200 + len(BURST))
+    reading = np.where(rows < 200, 25.3, 29.3) + 0.02 * np.random.default_rng(1).standard_normal(400)
+    reading[burst] = BURST
+    found = screen(0.04 * rows, reading, RANGES["temperature_c"], 0.02, share=share, swing=15.0)
+    assert found.implausible[burst].all()
+    assert np.count_nonzero(found.implausible) == len(BURST)
+
+
+def test_no_air_is_given_that_a_burst_alone_tells_of():
+    rows = slice(400, 400 + len(BURST))
+    found = correct(flight(temperature_c=put(rows, BURST)), typical_profile(bead_t98_s=0.15))
+    assert found.flags["implausible"][rows].all()
+    low, high = TRUTH["temperature_c"].min() - 1.0, TRUTH["temperature_c"].max() + 1.0
+    assert np.nanmin(found.temperature_c) > low and np.nanmax(found.temperature_c) < high
+
+
+def test_air_that_is_far_colder_from_an_absurd_reading_on_is_the_airs():
+    """Out of a warm hall into frost, one code at the door: no burst."""
+    log = flight(temperature_c=lambda values: np.where(np.arange(values.size) < 400, values + 12.0, values - 12.0))
+    log.temperature_c[400] = 99.0
+    found = screen(log.time_s, log.temperature_c, RANGES["temperature_c"], 0.02, share=0.9, swing=15.0)
+    assert np.flatnonzero(found.implausible).tolist() == [400]
+
+
 def test_a_burst_that_a_fast_sensor_may_have_read_is_told_by_the_film_that_felt_nothing():
     """At 2 Hz the bead follows from row to row, so its own readings cannot tell noise from air; the air's do pass."""
     flown = fly(convective(np.random.default_rng(5), duration_s=240.0), PROFILE, 5)
