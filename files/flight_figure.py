@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from shockrig.files.errors import InputError
 from shockrig.files.figures import BLUE, GREY, ORANGE, notebook_figure, styled
 from shockrig.files.flight import Corrected, Flight
-from shockrig.files.readings_figure import Against, has_altitude, thinned, time_axis, ways
+from shockrig.files.legs import ways
+from shockrig.files.readings_figure import Against, has_altitude, thinned, time_axis
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -142,17 +143,18 @@ def _profiles(flight: Flight, shown: list[Shown]) -> Figure:
 
 
 def draw_profile(axes: Axes, time_s: Array, altitude_m: Array, one: Shown) -> None:
-    """A channel over altitude, as read and corrected with its band, the way up drawn full and the way down dashed."""
+    """A channel over altitude, as read and corrected with its band, ways up drawn full and ways down dashed."""
     up, down = ways(altitude_m)
+    few = thinned(altitude_m.size)
+    height = altitude_m[few]
     for way, style, words in ((up, "-", "ascent"), (down, "--", "descent")):
-        rows = np.flatnonzero(way)
-        if rows.size < 2:
+        if np.count_nonzero(way) < 2:
             continue
-        rows = rows[thinned(rows.size)]
+        # each way is a line of its own
+        reading, value, sigma = (np.where(way, v, np.nan)[few] for v in (one.reading, one.value, one.sigma))
         look: dict[str, Any] = {"lw": 0.9, "ls": style}
-        axes.plot(one.reading[rows], altitude_m[rows], color=ORANGE, label=f"as read, {words}", **look)
-        reach = COVERAGE * one.sigma[rows]
-        value = one.value[rows]
-        axes.fill_betweenx(altitude_m[rows], value - reach, value + reach, color=BLUE, alpha=0.25, lw=0)
-        axes.plot(value, altitude_m[rows], color=BLUE, label=f"corrected, {words}", **look)
+        axes.plot(reading, height, color=ORANGE, label=f"as read, {words}", **look)
+        reach = COVERAGE * sigma
+        axes.fill_betweenx(height, value - reach, value + reach, color=BLUE, alpha=0.25, lw=0)
+        axes.plot(value, height, color=BLUE, label=f"corrected, {words}", **look)
     axes.set_xlabel(one.label)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from shockrig.files.errors import InputError
 from shockrig.files.figures import ORANGE, notebook_figure, styled
+from shockrig.files.legs import ways
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -76,20 +77,12 @@ def plot_readings(
     figure = notebook_figure(4.6 * max(len(shown), 1.4), 5.2)
     for axes, (label, values) in zip(figure.subplots(1, len(shown), sharey=True, squeeze=False)[0], shown, strict=True):
         for way, style, words in zip(ways(altitude_m), ("-", "--"), ("ascent", "descent"), strict=True):
-            if way.sum() > 1:
-                axes.plot(values[way], altitude_m[way], color=ORANGE, lw=0.9, ls=style, label=words)
+            if way.sum() > 1:  # each way is a line of its own
+                axes.plot(np.where(way, values, np.nan), altitude_m, color=ORANGE, lw=0.9, ls=style, label=words)
         axes.set_xlabel(label)
     figure.axes[0].set_ylabel("altitude, m")
     figure.axes[0].legend(loc="best")
     return figure
-
-
-def ways(altitude_m: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Rows of the ascent, up to the highest altitude, and of the descent after it."""
-    known = np.isfinite(altitude_m)
-    top = int(np.nanargmax(altitude_m)) if known.any() else 0
-    before = np.arange(altitude_m.size) <= top
-    return before & known, ~before & known
 
 
 def thinned(rows: int) -> slice:

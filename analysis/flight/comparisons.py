@@ -27,6 +27,7 @@ from shockrig.analysis.flight.sweep import as_lagged, forgotten
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa, saturation_slope
 from shockrig.analysis.physics.standard_atmosphere import pressure_altitude_m
 from shockrig.files.flight import Corrected, Flight
+from shockrig.files.legs import legs
 from shockrig.files.numbers import plain
 
 Array = NDArray[np.float64]
@@ -259,7 +260,8 @@ def explained(difference: Array, moved: list[Array], found: list[LikelyCause]) -
 
 
 LEAST_CLIMB_M = 40.0  # that both ways have in common
-LEAST_SPEED_M_S = 0.3
+GOING_SHARE = 0.1  # of a way's pace, at which the carrier goes on
+WANDERS_M_S, CLEARLY_FARTHER = 0.007, 5.0  # of a height by pressure: 3 hPa/h in a storm; times as far at least
 SPEED_OVER_S = 5.0
 MOST_LAYERS = 60  # at most
 FEWEST_LAYERS = 10
@@ -366,7 +368,7 @@ def _layered(
     if height is None:
         return None
     ways = [_longest(flight.time_s, height, sign) for sign in (1.0, -1.0)]
-    count = min(MOST_LAYERS, *((way.stop - way.start) // ROWS_A_LAYER for way in ways))
+    count = min(MOST_LAYERS, *(way.size // ROWS_A_LAYER for way in ways))
     if count < FEWEST_LAYERS:
         return None
     low = max(float(height[way].min()) for way in ways)
@@ -554,18 +556,23 @@ def _stated(channel: FlightChannel) -> float:
     return float(np.sqrt(np.sum(channel.common[known] ** 2) / lag)) if lag > 0 else 0.0
 
 
-def _longest(time_s: Array, height: Array, sign: float) -> slice:
-    """The rows of the longest climb (or descent)."""
-    width = max(round(SPEED_OVER_S / typical_period(time_s)), 1)
+def _longest(time_s: Array, height: Array, sign: float) -> NDArray[np.int64]:
+    """The rows of the longest way up (or down) at which the carrier goes on; none where its height may have wandered as
+    far in that time, by itself."""
+    period = typical_period(time_s)
+    width = max(round(SPEED_OVER_S / period), 1)
     smooth = uniform_filter1d(height, width, mode="nearest")
-    step = np.diff(time_s, prepend=time_s[0] - typical_period(time_s))
-    moving = sign * np.diff(smooth, prepend=smooth[0]) > LEAST_SPEED_M_S * np.maximum(step, 1e-9)
-    ends = np.flatnonzero(np.diff(np.concatenate([[0], moving.astype(int), [0]])))
-    starts, stops = ends[::2], ends[1::2]
-    if not starts.size:
-        return slice(0, 0)
-    longest = int(np.argmax(np.abs(smooth[stops - 1] - smooth[starts])))
-    return slice(int(starts[longest]), int(stops[longest]))
+    step = np.maximum(np.diff(time_s, prepend=time_s[0] - period), 1e-9)
+    gone = np.maximum(sign * np.diff(smooth, prepend=smooth[0]), 0.0)
+    first, last = max(legs(smooth), key=lambda leg: sign * (smooth[leg[1]] - smooth[leg[0]]), default=(0, 0))
+    leg = slice(first, last + 1)
+    if (metres := float(gone[leg].sum())) == 0.0:
+        return np.zeros(0, dtype=np.int64)
+    # over metres, and not over time: how long it stays anywhere says nothing of its pace
+    pace = float(np.sum(gone[leg] ** 2 / step[leg])) / metres
+    rows = first + np.flatnonzero(gone[leg] > GOING_SHARE * pace * step[leg])
+    clearly = CLEARLY_FARTHER * WANDERS_M_S * float(step[rows].sum())
+    return rows if sign * (smooth[last] - smooth[first]) > clearly else rows[:0]
 
 
 def _layers(height: Array, values: Array, edges: Array) -> Array:

@@ -13,6 +13,7 @@ from shockrig.analysis.effects.of_flight import airflow_m_s
 from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
 from shockrig.analysis.flight.undo_readout import coarse_track, vertical_speed
 from shockrig.files.flight import Flight
+from shockrig.files.legs import LEG_SHARE, legs
 from shockrig.files.ranges import RANGES
 
 Array = NDArray[np.float64]
@@ -22,7 +23,7 @@ REFERENCE_TEMPERATURE_C = 20.0  # of a usual day, and at which laws of temperatu
 CHANNELS = ("temperature", "humidity")
 SUB_SAMPLES = 4  # of the track in a bin, over which what the air adds is averaged
 GROUND_SHARE = 0.03  # of the range of altitudes: what is nearer to the ground is not flown, satellite heights wander
-PASS_SHARE, LEAST_PASS_M = 0.15, 20.0  # of the range of altitudes that a pass covers at least, and in metres
+LEAST_PASS_M = 20.0  # that a pass covers at least
 # Satellites' altitudes wander by as much, slower than this; a track that goes faster is told from them earlier.
 WANDER_M_S, LEAST_FAST_PASS_M = 0.3, 2.0
 FASTEST_SHARE = 0.1  # of a track's time, by whose speed it counts as fast
@@ -252,20 +253,9 @@ def least_pass_m(track_s: Array, track_m: Array) -> float:
 
 def passes(altitude_m: Array, time_s: Array, least_m: float = LEAST_PASS_M) -> tuple[Pass, ...]:
     """The ways up and down of a track, between turns that are a share of its range of altitudes apart."""
-    least = max(PASS_SHARE * float(np.ptp(altitude_m)), least_m)
-    turns = [0]
-    extreme, way = 0, 0  # last extreme, and which way the track goes since
-    for i in range(1, altitude_m.size):
-        off = altitude_m[i] - altitude_m[extreme]
-        if way * off >= 0 and (way != 0):
-            extreme = i
-        elif abs(off) >= least:
-            if way != 0 and extreme != turns[-1]:
-                turns.append(extreme)
-            way, extreme = (1 if off > 0 else -1), i
-    turns.append(extreme if extreme > turns[-1] else altitude_m.size - 1)
+    least = max(LEG_SHARE * float(np.ptp(altitude_m)), least_m)
     found = []
-    for first, last in zip(turns[:-1], turns[1:], strict=True):
+    for first, last in legs(altitude_m, least_m):
         rise = altitude_m[last] - altitude_m[first]
         if abs(rise) >= least and last > first:
             found.append(Pass(first, last, float(rise / (time_s[last] - time_s[first]))))

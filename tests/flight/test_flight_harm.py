@@ -37,6 +37,7 @@ from shockrig.analysis.flight.sweep import Sweep, log_likelihood, propagated, wi
 from shockrig.analysis.physics.air_exchange import Stream
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.flight import Flight
+from shockrig.files.legs import ways
 
 PROFILE = typical_profile()
 
@@ -325,6 +326,36 @@ def test_ascent_against_descent_says_how_wrong_the_time_scale_is(slower):
     flight, channel = climbing(slower)
     level = dataclasses.replace(flight, altitude_m=np.full(flight.time_s.size, 100.0))
     assert up_and_down(level, channel) is None
+
+
+def test_a_slow_glider_is_compared_on_both_its_ways():
+    """Down and up again at 0.15 m/s, a minute's pause at the bottom. Before: not compared, being slow."""
+    flight, channel = climbing(0.0)
+    time_s = 20.0 * flight.time_s + np.where(flight.time_s < 100.0, 0.0, 60.0)
+    dive = dataclasses.replace(flight, time_s=time_s, altitude_m=-flight.altitude_m)
+    found = up_and_down(dive, channel)
+    assert found.low_m < -290.0 and found.high_m > -10.0
+    assert found.corrected < 0.2 * found.read
+    up, down = ways(dive.altitude_m)
+    assert down[:1000].all() and up[1000:].all() and not (up & down).any()
+
+
+def test_a_height_that_wanders_with_the_weather_is_no_way_up_or_down():
+    """A sensor on a mast whose pressure falls by 7 hPa in ten hours and rises again."""
+    flight, channel = climbing(0.0)
+    altitude_m = 0.2 * flight.altitude_m + 0.5 * np.random.default_rng(4).standard_normal(2000)
+    mast = dataclasses.replace(flight, time_s=360.0 * flight.time_s, altitude_m=altitude_m)
+    assert up_and_down(mast, channel) is None
+
+
+def test_ways_are_those_between_turns_however_many():
+    """Two dives with a start at the surface, a wave at each turn, a gap, and a tail that turns once more."""
+    depth_m = np.interp(np.arange(500), [0, 50, 150, 250, 350, 450, 499], [0.0, 0, 100, 2, 100, 0, 8])
+    altitude_m = -depth_m + 2.0 * np.sin(np.arange(500))
+    altitude_m[200:210] = np.nan
+    up, down = ways(altitude_m)
+    assert (up | down).sum() == 490 and not (up & down).any()
+    assert down[60:140].all() and up[160:200].all() and up[210:240].all() and down[260:340].all() and up[360:].all()
 
 
 def test_ways_of_one_vapour_agree_however_warm_the_sensor_was():

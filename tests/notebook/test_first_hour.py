@@ -250,6 +250,9 @@ def test_a_flight_is_drawn_over_time_and_over_altitude(corrected):
     assert panels[-1].get_xlabel() == "time since 2026-05-05 06:30:00 UTC, s"
     profiles = drawn(corrected.plot("altitude"))
     assert profiles[0].get_ylabel() == "altitude, m" and len(profiles) == 2
+    dive = dataclasses.replace(corrected.flight, altitude_m=-corrected.flight.altitude_m)
+    labels = [line.get_label() for line in drawn(plot_flight(dive, corrected.result, "altitude"))[0].lines]
+    assert {"as read, ascent", "as read, descent"} <= set(labels)
     low = dataclasses.replace(corrected.flight, altitude_m=None)
     with pytest.raises(shockrig.InputError, match="no altitude that changes"):
         plot_flight(low, corrected.result, "altitude")

@@ -1,0 +1,48 @@
+"""The ways up and down of a carrier: what lies between the turns of its altitude.
+
+Whether it climbs is a matter of how far it gets and not of how fast: a glider in the sea sinks by 0.15 m/s, a drone by
+3 m/s. It turns where it comes back by a share of all that it rose and sank.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+LEG_SHARE = 0.15  # of the range of altitudes, that lies between two turns at least
+
+
+def legs(altitude_m: Array, least_m: float = 0.0) -> list[tuple[int, int]]:
+    """First and last row of each way up or down of a track (n,) without gaps, from its first row to its last turn; at
+    least so many metres, and `LEG_SHARE` of its range, lie between two of these."""
+    if not altitude_m.size:
+        return []
+    least = max(LEG_SHARE * float(np.ptp(altitude_m)), least_m)
+    turns = [0]
+    extreme, way = 0, 0  # last extreme, and which way the track goes since
+    heights = altitude_m.tolist()
+    for i, height in enumerate(heights):
+        off = height - heights[extreme]
+        if way * off >= 0 and way != 0:
+            extreme = i
+        elif abs(off) >= least and i:
+            if way != 0 and extreme != turns[-1]:
+                turns.append(extreme)
+            way, extreme = (1 if off > 0 else -1), i
+    turns.append(extreme if extreme > turns[-1] else altitude_m.size - 1)
+    return list(zip(turns[:-1], turns[1:], strict=True))
+
+
+def ways(altitude_m: Array) -> tuple[Mask, Mask]:
+    """Rows (n,) of all ways up, and of all ways down, of a track that may have gaps; none is in both."""
+    up, down = np.zeros(altitude_m.shape, dtype=bool), np.zeros(altitude_m.shape, dtype=bool)
+    rows = np.flatnonzero(np.isfinite(altitude_m))
+    found = legs(altitude_m[rows])
+    for number, (first, last) in enumerate(found, 1):
+        # what is behind the last turn does not get far enough to be a way of its own
+        behind = rows.size if number == len(found) else last
+        way = up if altitude_m[rows[last]] >= altitude_m[rows[first]] else down
+        way[rows[first:behind]] = True
+    return up, down
