@@ -240,18 +240,21 @@ def plain_numbers(data: bytes, width: int, columns: Sequence[int], rows: int) ->
 
 
 def numbers_of(cells: Iterable[str]) -> Array:
-    """Numbers of cells as `float` reads them, NaN where there is none or it is beyond every number."""
+    """Numbers of cells as `number_of` reads them, NaN where there is none or it is beyond every number."""
     cells = list(cells)
     try:
-        values = np.array(list(map(float, cells)), dtype=np.float64)  # three times as fast as NumPy from text
+        read = number_of if "_" in "".join(cells) else float
+        values = np.array(list(map(read, cells)), dtype=np.float64)  # three times as fast as NumPy from text
     except ValueError:
-        values = np.array([_number(cell) for cell in cells])
+        values = np.array([np.nan if (number := number_of(cell)) is None else number for cell in cells])
     values[~np.isfinite(values)] = np.nan
     return values
 
 
-def _number(cell: str) -> float:
+def number_of(cell: str) -> float | None:
+    """The number of a cell as `float` reads it, also "nan" and what is beyond every number; None where it is none, such
+    as 2024_3_27, that Python takes for twenty million."""
     try:
-        return float(cell)
+        return None if "_" in cell else float(cell)
     except ValueError:
-        return np.nan
+        return None

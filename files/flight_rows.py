@@ -15,20 +15,22 @@ from numpy.typing import NDArray
 
 from shockrig.files.errors import InputError
 from shockrig.files.flight import KIND_OF, Flight, FlightColumns, read_layout
-from shockrig.files.flight_cells import Rows, joined, numbers_of, of_cells, read_blocks
+from shockrig.files.flight_cells import Rows, joined, number_of, numbers_of, of_cells, read_blocks
 from shockrig.files.flight_intermet import day_first
 from shockrig.files.ranges import RANGES
 from shockrig.files.sentinels import NO_VALUE_WORDS, coded
-from shockrig.files.unit_names import UNITS, squeeze
+from shockrig.files.unit_names import EPOCH, UNITS, squeeze
 
 Array = NDArray[np.float64]
 BLOCK_ROWS = 20_000
 ESSENTIAL = ("time", "temperature", "humidity")
 DAY_S = 86400.0
 DATED = r"\d[-/.]\d{1,2}[-/.]\d"  # a stamp with its date
+UNDERSCORED = r"^(\d{4})_(\d\d?)_(\d\d?)_(\d\d?)_(\d\d?)_(\d\d?(?:\.\d+)?)$"  # 2024_3_27_11_34_7
 TIME_OF_DAY = r"\d{1,2}:\d\d(:\d\d([.,]\d+)?)?( ?[AaPp][Mm])?"
 DISORDER_S = 3600.0  # by which a row may be earlier than a log's first: 23 hours on, its day is the next
 ISO_UTC = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d{1,6})?)?Z?)?")
+LATEST_S = 253402300800.0  # the year 10000, from 1970 on
 SLOWEST_PACKED_S = 20.0  # a step from one reading to the next, or minutes could be passed over
 
 
@@ -102,7 +104,8 @@ def _text_cells(rows: Rows, layout: FlightColumns, quantity: str) -> NDArray[np.
     unread = np.isnan(_times(rows, layout) if quantity == "time" else rows.numbers[place])
     for row in np.flatnonzero(unread).tolist():
         cell = rows.cell(row, place)
-        unread[row] = cell.strip().lower() not in NO_VALUE_WORDS and not _is_float(cell)
+        # what is beyond every number is absurd, but not damaged
+        unread[row] = cell.strip().lower() not in NO_VALUE_WORDS and number_of(cell) is None
     return unread
 
 
@@ -222,16 +225,21 @@ def numeric_places(path: Path, layout: FlightColumns) -> frozenset[int]:
     return frozenset(places & filled)
 
 
-def _is_float(cell: str) -> bool:
-    """Also "nan" and what is beyond every number: absurd, but not damaged."""
-    try:
-        float(cell)
-        return True
-    except ValueError:
-        return False
-
-
 def _times(rows: Rows, layout: FlightColumns) -> Array:
+    """Seconds of the rows (n,), as `_stamped` has them; InputError where most are beyond every date."""
+    time_s = _stamped(rows, layout)
+    absurd = np.flatnonzero(np.abs(time_s) > LATEST_S)
+    if absurd.size > np.count_nonzero(np.isfinite(time_s)) / 2:
+        row, place = int(absurd[0]), layout.place["time"]
+        where = f"{layout.source}, line {rows.line[row]}: column {layout.header[place]!r}"
+        raise InputError(
+            f"{where}: {rows.cell(row, place)[:40]!r} is no time: {time_s[row]:.3g} s are beyond the year 9999; "
+            "put its unit into the column's name (such as time_us), or name another column with --column time=NAME"
+        )
+    return np.where(np.abs(time_s) > LATEST_S, np.nan, time_s) if absurd.size else time_s
+
+
+def _stamped(rows: Rows, layout: FlightColumns) -> Array:
     """Seconds, from a number (by the unit in the column's name, or as a known log has it) or a date and time."""
     place = layout.place["time"]
     values = rows.numbers[place]
@@ -240,7 +248,11 @@ def _times(rows: Rows, layout: FlightColumns) -> Array:
             return seconds
         import pandas as pd
 
-        text = pd.Series(rows.cells(place), dtype=str).str.strip()
+        text = (
+            pd.Series(rows.cells(place), dtype=str)
+            .str.strip()
+            .str.replace(UNDERSCORED, r"\1-\2-\3 \4:\5:\6", regex=True)
+        )
         of_day = bool(text.str.fullmatch(TIME_OF_DAY).mean() > 0.5)
         if layout.date_place is not None and layout.date_place != place and not text.str.contains(DATED).any():
             dates = pd.Series(rows.cells(layout.date_place), dtype=str).str.strip()
@@ -261,7 +273,13 @@ def _times(rows: Rows, layout: FlightColumns) -> Array:
         return layout.known.values("time", values)
     if "time" in layout.units:
         return values * UNITS["time"][layout.units["time"]][0]
-    return values * 1e-6 if squeeze(layout.header[place]).endswith("timeus") else _of_packed(values)
+    if squeeze(layout.header[place]).endswith("timeus"):
+        return values * 1e-6
+    known = values[np.isfinite(values)]
+    for unit, (low, high) in EPOCH.items():
+        if known.size and low < np.median(known) < high:
+            return values * UNITS["time"][unit][0]
+    return _of_packed(values)
 
 
 def _of_iso(cells: Sequence[str]) -> Array | None:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from shockrig.files.disk import TABLE_AT_MOST, read_text, shown
 from shockrig.files.errors import InputError
 from shockrig.files.flight import REMEDY
+from shockrig.files.flight_cells import number_of
 from shockrig.files.flight_known import AUTO_RX
 from shockrig.files.numbers import counted
 
@@ -124,7 +125,5 @@ def _name(frame: Frame) -> str:
 
 
 def _number(value: object) -> float:
-    try:
-        return float(value)  # type: ignore[arg-type]  # whatever is no number is caught
-    except (TypeError, ValueError, OverflowError):
-        return np.nan
+    number = number_of(str(value))
+    return np.nan if number is None else number

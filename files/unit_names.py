@@ -27,6 +27,7 @@ UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = MappingProxyType(
         "position": {"deg": (1.0, 0.0)},
     }
 )  # fmt: skip
+EPOCH = {"s": (5e8, 5e9), "ms": (5e11, 5e12), "us": (5e14, 5e15)}  # 1985 to 2128, as counted since 1970
 _ALIASES = {
     "degC": ("c", "°c", "degc", "deg c", "deg_c", "℃", "celsius", "degrees c", "degree c", "º c", "ºc", "grad c", "�c"),
     "K": ("k", "kelvin", "degk"),

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from shockrig.files.disk import open_text, write_whole
 from shockrig.files.errors import InputError
 from shockrig.files.flight import REMEDY, Flight, read_layout, without_nul
+from shockrig.files.flight_cells import number_of
 from shockrig.files.flight_rows import whole_flight
 
 Array = NDArray[np.float64]
@@ -76,10 +77,8 @@ def _later(time_s: Array, values: Array, clock_s: float) -> Array:
 
 
 def _number(row: list[str], place: int) -> float:
-    try:
-        return float(row[place])
-    except (ValueError, IndexError):
-        return np.nan
+    number = number_of(row[place]) if place < len(row) else None
+    return np.nan if number is None else number
 
 
 def _line(row: list[str]) -> str:

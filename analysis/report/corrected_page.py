@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 MOST_ROWS = 60_000  # that are kept for the figures; of a longer flight every second, fourth, ... row
 SPECTRUM_ROWS = 20_000  # of which a spectrum is made, one after the other
 LEAST_SPECTRUM_ROWS = 256
+LONGEST_GAP = 10.0  # typical steps between rows, that a spectrum is drawn across
 SEGMENT_S, SEGMENT_ROWS = 120.0, 64  # of a spectrum: in a log with few rows to the minute as long as so many take
 
 MEANING = {
@@ -242,10 +243,13 @@ def _draw_spectra(shown: list[Any], time_s: Array, period_s: float) -> Drawing:
 
     figure = Canvas(figsize=(4.6 * max(len(shown), 1.4), 3.4))
     for axes, (one, known) in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
-        even_s = np.arange(time_s[known].min(), time_s[known].max(), period_s)
         order = np.argsort(time_s[known], kind="stable")
+        # a gap, or where a clock was set, would be longer than all readings
+        steps_s = np.minimum(np.diff(time_s[known][order], prepend=0.0), LONGEST_GAP * period_s)
+        moments_s = np.cumsum(steps_s)
+        even_s = np.arange(moments_s[0], moments_s[-1], period_s)
         for values, colour, words in ((one.reading, ORANGE, "as read"), (one.value, BLUE, "corrected")):
-            even = np.interp(even_s, time_s[known][order], values[known][order])
+            even = np.interp(even_s, moments_s, values[known][order])
             frequency, power = gathered(*power_spectrum(even, period_s, max(SEGMENT_S, SEGMENT_ROWS * period_s)))
             axes.loglog(frequency, power, color=colour, lw=1.0, label=words)
         at = len(frequency) // 3

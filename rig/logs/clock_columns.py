@@ -9,16 +9,18 @@ from itertools import product
 
 import numpy as np
 
-from shockrig.files.unit_names import UNITS, bare_name, is_called_time, unit_in_name
-from shockrig.rig.logs.stamps import EPOCH, ISO, NUMBERS, OF_DAY, TimeColumns
+from shockrig.files.unit_names import EPOCH, UNITS, bare_name, is_called_time, unit_in_name
+from shockrig.rig.logs.stamps import ISO, NUMBERS, OF_DAY, TimeColumns
 from shockrig.rig.logs.text import NUMBER, unit_in_cells
 
 _DATES = (
     "%Y/%m/%d", "%d/%m/%Y", "%m/%d/%Y", "%d.%m.%Y", "%d-%m-%Y", "%m-%d-%Y", "%d/%m/%y", "%m/%d/%y", "%d.%m.%y",
-    "%Y.%m.%d", "%d-%b-%Y", "%d %b %Y", "%b %d %Y", "%d-%b-%y", "%Y%m%d", "%Y-%m-%d",
+    "%Y.%m.%d", "%d-%b-%Y", "%d %b %Y", "%b %d %Y", "%d-%b-%y", "%Y%m%d", "%Y-%m-%d", "%Y_%m_%d",
 )  # fmt: skip
 _BETWEEN = (" ", "T", ", ", "-", "_", ",", "")
-_TIMES = ("%H:%M:%S.%f", "%H:%M:%S", "%I:%M:%S %p", "%I:%M:%S.%f %p", "%H:%M", "%I:%M %p", "%H.%M.%S", "%H%M%S")
+_TIMES = (
+    "%H:%M:%S.%f", "%H:%M:%S", "%I:%M:%S %p", "%I:%M:%S.%f %p", "%H:%M", "%I:%M %p", "%H.%M.%S", "%H_%M_%S", "%H%M%S",
+)  # fmt: skip
 
 
 def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequence[str]) -> TimeColumns | None:

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from shockrig.files.disk import shown
 from shockrig.files.spelling import did_you_mean
-from shockrig.files.unit_names import UNITS, quantity_of, unit_in_name
+from shockrig.files.unit_names import EPOCH, UNITS, quantity_of, unit_in_name
 from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.logs.changes import LogPiece, noise_of, without_spikes
 from shockrig.rig.logs.clock_columns import guess_clock, guess_format
 from shockrig.rig.logs.log import Column, Log, over_time, read_rows
 from shockrig.rig.logs.mapping import LogMap, SensorMap, columns_of
-from shockrig.rig.logs.stamps import EPOCH, NUMBERS, TimeColumns
+from shockrig.rig.logs.stamps import NUMBERS, TimeColumns
 from shockrig.rig.logs.text import Scan, scan, unit_in_cells
 
 Array = NDArray[np.float64]

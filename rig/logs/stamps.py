@@ -20,7 +20,6 @@ Array = NDArray[np.float64]
 
 ISO, NUMBERS, OF_DAY = "iso", "number", "time of day"
 STILL_ROWS = 10  # that bear one stamp or two are not timed by it
-EPOCH = {"s": (5e8, 5e9), "ms": (5e11, 5e12), "us": (5e14, 5e15)}  # 1985 to 2128, as counted since 1970
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import pytest
 from shockrig.files import flight_cells
 from shockrig.files.errors import InputError
 from shockrig.files.flight import read_layout
-from shockrig.files.flight_cells import joined, plain_numbers, read_blocks
+from shockrig.files.flight_cells import joined, numbers_of, plain_numbers, read_blocks
 from shockrig.files.flight_rows import look_over, to_flight
 from shockrig.rig.logs.log import Column, read_rows
 from shockrig.rig.logs.text import Layout
@@ -66,6 +66,10 @@ def test_compiled_reading_gives_what_csv_gives(tmp_path, monkeypatch, case, mark
     for place, values in slow.numbers.items():
         np.testing.assert_array_equal(fast.numbers[place], values)
     np.testing.assert_array_equal(to_flight(fast, layout).temperature_c, to_flight(slow, layout).temperature_c)
+
+
+def test_underscores_between_digits_are_no_number():
+    np.testing.assert_array_equal(numbers_of(["1_0", "2024_3_27_11_34_7", "5"]), [np.nan, np.nan, 5.0])
 
 
 @pytest.mark.parametrize("compiled", [True, False])

@@ -226,6 +226,8 @@ def test_clocks_in_other_units_become_seconds(tmp_path):
         ("time_us", "1000000", "1100000"),
         ("time_ms", "1000", "1100"),
         ("time", "2026-05-01T00:00:01Z", "2026-05-01T00:00:01.100Z"),
+        ("time", "2026_5_1_0_0_1", "2026_5_1_0_0_1.1"),
+        ("time", "1777593601000", "1777593601100"),
     )
     for header, first, second in clocks:
         path = tmp_path / "log.csv"
@@ -244,6 +246,8 @@ def test_clocks_in_other_units_become_seconds(tmp_path):
         ("time_s,temperature_c\n1,20,30\n", "line 2"),
         ("time_s,temperature_c,flags\n1,20,\n", "already"),
         ("time_s,temperature_c\nx,20\ny,21\n", "time_s"),
+        ("time,temperature_c\n2_0,20\n2_1,21\n", "line 2: time is '2_0'"),
+        ("time,temperature_c\n3e11,20\n4e11,21\n", "line 2: column 'time': '3e11' is no time"),
     ],
 )
 def test_bad_flights_are_refused_in_one_line_and_leave_nothing(folder, capsys, text, said):

@@ -71,6 +71,12 @@ def test_degrees_and_minutes_are_no_wmo_position(tmp_path, capsys):
     assert status == 2 and "decimal degrees" in said
 
 
+def test_a_clock_that_was_set_by_millennia_has_its_page(tmp_path, capsys):
+    rows = [f"{s + 1e11 * (s > 300)},{20 + 0.1 * np.sin(s / 9):.2f}" for s in range(600)]
+    status, _ = run(tmp_path, capsys, "\n".join(["time_s,temperature_c", *rows]) + "\n")
+    assert status == 0 and (tmp_path / "out.html").is_file()
+
+
 @pytest.mark.parametrize(
     ("header", "places"),
     [("DateTime,T,RH", (0, 1)), ("DateTime,t,rh", (0, 1)), ("t,T,RH", (0, 1)), ("T,t,RH", (1, 0))],

@@ -460,10 +460,15 @@ def test_a_long_log_is_read_in_little_room(tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "format_"),
-    [("a remark", None), ("2026/05/03 12:30:05", "%Y/%m/%d %H:%M:%S"), ("3-May-2026 1:30 pm", "%d-%b-%Y %I:%M %p")],
+    [
+        ("a remark", None),
+        ("2026/05/03 12:30:05", "%Y/%m/%d %H:%M:%S"),
+        ("3-May-2026 1:30 pm", "%d-%b-%Y %I:%M %p"),
+        ("2026_5_3_9_30_5", "%Y_%m_%d_%H_%M_%S"),
+    ],
 )
 def test_a_text_is_tried_in_formats_of_its_own_marks_only(monkeypatch, text, format_):
-    """Of 912, each of which strptime compiles anew."""
+    """Of 1088, each of which strptime compiles anew."""
     asked, really = set(), clock_columns._moment
     monkeypatch.setattr(clock_columns, "_moment", lambda text, format_: asked.add(format_) or really(text, format_))
     assert clock_columns.guess_format([text] * 3)[0] == format_
