@@ -112,7 +112,7 @@ def _by_guess(source: Path, columns: Mapping[str, str] | None) -> tuple[dict[str
     """A log of another layout (semicolons, decimal commas, names in other words) by the map that `import --look` would
     write, and what was read as what; None of a CSV file whose columns are recognised."""
     from shockrig.rig.bench_errors import BenchError
-    from shockrig.rig.logs.first_map import columns_of
+    from shockrig.rig.logs.first_map import NoClockError, columns_of
 
     try:
         read_layout(source, columns)
@@ -121,6 +121,8 @@ def _by_guess(source: Path, columns: Mapping[str, str] | None) -> tuple[dict[str
             raise
         try:
             seen = columns_of(source)
+        except NoClockError as no_clock:
+            raise InputError(f"{no_clock}; --map MAP.toml takes it") from None
         except BenchError:
             raise refused from None
         found, taken = _by_map(source, seen), dict[str, str]()

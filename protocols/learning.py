@@ -72,7 +72,7 @@ def checked(name: str, flight: Flight) -> tuple[Flight, list[str]]:
         Its clock is not in seconds, or its columns stand in one another's place: whatever it said would not hold.
     """
     from shockrig.analysis.flight.correct import in_order
-    from shockrig.analysis.flight.doubts import doubts, slips
+    from shockrig.analysis.flight.doubts import doubts, in_air, slips
     from shockrig.analysis.flight.screen import code_notes, without_codes
 
     flight, codes = without_codes(flight)
@@ -86,8 +86,9 @@ def checked(name: str, flight: Flight) -> tuple[Flight, list[str]]:
     for channel, values in (("temperature", flight.temperature_c), ("humidity", flight.humidity_percent)):
         if not np.isfinite(values).any():
             said.append(unrecognised(channel))
-    flight, more = with_altitude(flight)
-    return flight, [*said, *doubts(flight.at(rows)), *steps, *more]
+    heard = doubts(flight.at(rows))
+    flight, more = with_altitude(in_air(flight))
+    return flight, [*said, *heard, *steps, *more]
 
 
 def with_altitude(flight: Flight) -> tuple[Flight, list[str]]:

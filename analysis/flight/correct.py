@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.flight.causal import causal
 from shockrig.analysis.flight.comparisons import Told, compared, seen_by_film, slow_against_fast, told
-from shockrig.analysis.flight.doubts import airspeed_doubt, airspeed_notes, doubts, profile_doubts, slips
+from shockrig.analysis.flight.doubts import airspeed_doubt, airspeed_notes, doubts, in_air, profile_doubts, slips
 from shockrig.analysis.flight.flight_channel import (
     FlightChannel,
     FlightReadings,
@@ -170,6 +170,7 @@ def correct_read(
     if wrong := slips(part, profile):
         bead, film = _as_it_came(part, "; ".join(wrong), notes)
         return _gather(count, rows, bead, film, notes, {}, {})
+    part = in_air(part)
     stream = _stream(part, profile, notes)
 
     def solve(readings: FlightReadings, cutoff_hz: float | None) -> Estimate:

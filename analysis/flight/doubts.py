@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -115,6 +117,7 @@ HIGHEST_SHARE = 1.2  # of a humidity that is a share of 1
 HEIGHT_RATIO = 2.0  # of an altitude to that of the pressure: no air is half as dense as the standard's at its height
 LEAST_CLIMB_M = 30.0  # by the pressure, to tell
 HALF_STILL = 0.2  # of a flight's rows, that a reading stands for in one stretch
+MOST_HPA = 1100.0  # the highest on any land was 1085
 LEAST_HPA = 110.0  # of a whole log, where half of it is above freezing: 16 km up, where air is far colder
 
 
@@ -238,13 +241,25 @@ def doubts(flight: Flight) -> list[str]:
             "by a map with altitude_unit"
         )
     pressure = flight.pressure_hpa[np.isfinite(flight.pressure_hpa)]
-    if pressure.size and known.size and pressure.max() < LEAST_HPA and np.median(known) > 0.0:
+    if in_air(flight) is not flight:
+        what = f"no reading is above {LEAST_HPA:.0f} hPa, as in the stratosphere, where no air is as warm"
+        if pressure.max() > LEAST_HPA:
+            what = f"readings are above {MOST_HPA:.0f} hPa, as no air's that is flown in"
         found.append(
-            f"pressure_hpa: no reading is above {LEAST_HPA:.0f} hPa, as in the stratosphere, where no air is as "
-            "warm: it may be in kPa, or above that of the air, or of water: convert it, or leave it out by "
-            "renaming its column"
+            f"pressure_hpa: {what}: it may be in kPa, or above that of the air, or of water, and is taken as "
+            "unknown, for the altitude too: convert it, or leave it out by renaming its column"
         )
     return found
+
+
+def in_air(flight: Flight) -> Flight:
+    """The flight without a pressure that is none of the air's: neither an altitude nor a density is told by it."""
+    pressure = flight.pressure_hpa[np.isfinite(flight.pressure_hpa)]
+    known = flight.temperature_c[np.isfinite(flight.temperature_c)]
+    low = pressure.size and known.size and pressure.max() < LEAST_HPA and np.median(known) > 0.0
+    if not low and not (pressure.size and np.quantile(pressure, 0.95) > MOST_HPA):
+        return flight
+    return replace(flight, pressure_hpa=np.full(flight.pressure_hpa.shape, np.nan))
 
 
 def airspeed_notes(flight: Flight) -> list[str]:

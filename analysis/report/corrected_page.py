@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.flight.comparisons import ways_apart
+from shockrig.analysis.flight.doubts import in_air
 from shockrig.analysis.flight.flight_channel import bridged
 from shockrig.analysis.flight.judging import gathered, power_spectrum
 from shockrig.analysis.flight.smooth_channel import typical_period
@@ -219,7 +220,7 @@ def _ways(rows: Flight, found: Corrected) -> list[list[Cell]]:
     air_c = bridged(rows.time_s, np.where(np.isfinite(found.temperature_c), found.temperature_c, rows.temperature_c))
     for one in channels_of(rows, found):
         of_air = None if one.name == "temperature" else air_c
-        if (both := ways_apart(rows, (one.reading, one.value), of_air)) is not None:
+        if (both := ways_apart(in_air(rows), (one.reading, one.value), of_air)) is not None:
             apart = [f"{plain(size, 2)} {one.unit}" for size in both.rms]
             table.append([one.name, *apart, both.layers, f"{both.low_m:.0f} to {both.high_m:.0f}"])
     return table

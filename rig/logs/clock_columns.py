@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from itertools import product
 
 import numpy as np
 
-from shockrig.files.unit_names import EPOCH, UNITS, bare_name, is_called_time, unit_in_name
+from shockrig.files.flight import NAMES
+from shockrig.files.unit_names import EPOCH, UNITS, bare_name, is_called_time, quantity_of, squeeze, unit_in_name
 from shockrig.rig.logs.stamps import ISO, NUMBERS, OF_DAY, TimeColumns
 from shockrig.rig.logs.text import NUMBER, unit_in_cells
 
@@ -21,6 +22,12 @@ _BETWEEN = (" ", "T", ", ", "-", "_", ",", "")
 _TIMES = (
     "%H:%M:%S.%f", "%H:%M:%S", "%I:%M:%S %p", "%I:%M:%S.%f %p", "%H:%M", "%I:%M %p", "%H.%M.%S", "%H_%M_%S", "%H%M%S",
 )  # fmt: skip
+
+_COUNTERS = {
+    "#", "scan", "scans", "sample", "samples", "record", "records", "rec", "row", "rows", "line", "lines", "reading",
+    "readings", "packet", "packets", "frame", "frames", "count", "counts", "counter", "number", "num", "no", "nr", "n",
+    "index", "idx", "id", "seq", "sequence",
+}  # fmt: skip
 
 
 def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequence[str]) -> TimeColumns | None:
@@ -44,11 +51,26 @@ def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequ
     for name in [*called, *names[:3]]:  # by its cells too: it may be called "TimeElapsed" or "when"
         if guess_format(columns[name])[0] == OF_DAY:
             return TimeColumns((name,), OF_DAY)
-    for name in [*called, *names]:
+    for name in [*called, *(name for name in names if not _is_other(name, unit_of[name]))]:
         clock = _counted(name, columns[name], unit_of[name], named=name in called)
         if clock is not None:
             return clock
     return None
+
+
+def counters(names: Iterable[str]) -> list[str]:
+    """Names of columns that count rows: nothing says how many seconds pass from one to the next."""
+    words = {name: {word.lower() for word in re.findall("[A-Z]?[a-z]+|[A-Z]+|#", name)} for name in names}
+    return [name for name, said in words.items() if said and said <= _COUNTERS]
+
+
+def _is_other(name: str, unit: str | None) -> bool:
+    """Whether a column is none of times by its name, however steadily it rises: it counts rows, or is called a
+    pressure, an altitude or whatever else is read."""
+    if unit in UNITS["time"] or is_called_time(name):
+        return False
+    read = {one for quantity, known in NAMES.items() if quantity != "time" for one in known}
+    return bool(counters([name])) or squeeze(bare_name(name)) in read or quantity_of(name, unit) is not None
 
 
 def guess_format(cells: Sequence[str]) -> tuple[str | None, str]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from shockrig.files.disk import shown
 from shockrig.rig.bench_errors import BenchError
+from shockrig.rig.logs.clock_columns import counters
 from shockrig.rig.logs.found import LogStep, steps_of
 from shockrig.rig.logs.guess import Guess, guess_log, likely_reference
 from shockrig.rig.logs.map_file import parse_map
@@ -24,6 +25,10 @@ WIDTH, LONGEST = 44, 120  # where comments stand, and how long a line may be
 MUCH_FASTER = 1.5  # that a sensor must be to be suggested as another's reference
 CLOCK_LINE = 'time = "..." (every_s = 1.0, from row to row, where no column tells the time)'
 UNIT_SHOWN = {"temperature": "degC", "humidity": "%RH"}
+
+
+class NoClockError(BenchError):
+    """A log whose sensors are recognised, and none of its columns as a clock."""
 
 
 @dataclass(frozen=True)
@@ -76,17 +81,20 @@ def _recognised(first: Scan) -> Guess:
     """What a log's columns are, where it has a time and a sensor."""
     guess = guess_log(first)
     if guess.clock is None or not guess.sensors:
+        fault = NoClockError if guess.clock is None and guess.sensors else BenchError
         what = "times" if guess.clock is None else "temperatures or humidities"
         has = ", ".join(first.names)
+        if guess.clock is None and (counting := counters(first.names)):
+            has += f"; a count of rows is no clock: {', '.join(counting)}"
         if not first.header_line:
             row, width = first.numbers[0], len(first.names)
             when = f'time = "{guess.clock.columns[0]}"' if guess.clock is not None else CLOCK_LINE
-            raise BenchError(
+            raise fault(
                 f"{shown(first.path)}: no line of names is found above its first row, line {row}; write a map by hand, "
                 f'[log] header_line = 0, {when} and [sensor.NAME] temperature = "N", where columns are '
                 f"numbers from 1 to {width}, as docs/importing.md shows"
             )
-        raise BenchError(
+        raise fault(
             f"{shown(first.path)}: no column of {what} is recognised (it has: {has}); write a map by hand, [log] "
             f'{CLOCK_LINE} and [sensor.NAME] temperature = "...", as docs/importing.md shows'
         )

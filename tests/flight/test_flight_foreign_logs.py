@@ -77,6 +77,32 @@ def test_a_clock_that_was_set_by_millennia_has_its_page(tmp_path, capsys):
     assert status == 0 and (tmp_path / "out.html").is_file()
 
 
+@pytest.mark.parametrize("name", ["Scan Count", "SCANS", "RecNum", "Sample #", "No.", "index"])
+def test_a_count_of_rows_is_no_clock(tmp_path, capsys, name):
+    rows = [f"{1.3 + 0.1 * s:.1f},{15 + 0.1 * np.sin(s / 9):.2f},{s}" for s in range(60)]
+    text = "\n".join([f"pressure,temperature,{name}", *rows]) + "\n"
+    status, said = run(tmp_path, capsys, text)
+    assert status == 2 and f"a count of rows is no clock: {name}" in said and "every_s" in said
+    status, _ = run(tmp_path, capsys, text, "--column", f"time={name}")
+    assert status == 0
+
+
+def test_a_pressure_that_rises_is_no_clock(tmp_path, capsys):
+    rows = [f"{1.3 + 0.1 * s:.1f},{15 + 0.1 * np.sin(s / 9):.2f}" for s in range(60)]
+    status, said = run(tmp_path, capsys, "\n".join(["PRES,TEMP", *rows]) + "\n")
+    assert status == 2 and "every_s" in said
+
+
+@pytest.mark.parametrize("deepest", [100.0, 1900.0])
+def test_a_pressure_of_water_tells_no_altitude(deepest):
+    time_s = np.arange(3000.0)
+    depth = 1.0 + deepest * (1.0 - np.abs(time_s / 1500.0 - 1.0))
+    unknown = np.full(3000, np.nan)
+    flight = Flight(time_s, 15.0 - 0.01 * depth + 0.2 * np.sin(time_s / 300.0), unknown, unknown, unknown, depth)
+    said = " ".join(correct(flight, PROFILE).notes)
+    assert "taken as unknown, for the altitude too" in said and "ascent and descent" not in said
+
+
 @pytest.mark.parametrize(
     ("header", "places"),
     [("DateTime,T,RH", (0, 1)), ("DateTime,t,rh", (0, 1)), ("t,T,RH", (0, 1)), ("T,t,RH", (1, 0))],
