@@ -81,7 +81,7 @@ def to_csv(
     elif source.suffix.lower() in (".nc", ".nc4", ".cdf"):
         from shockrig.files.flight_from_netcdf import read_netcdf
 
-        found = read_netcdf(source, columns or {})
+        found, said = read_netcdf(source, columns or {})
     elif (read := _by_content(source)) is not None or (read := _by_guess(source, columns)) is not None:
         found, said = read
     else:

@@ -286,7 +286,7 @@ def test_units_of_netcdf_are_read_or_refused(tmp_path, unit, written, read):
         with pytest.raises(InputError, match="'rankine', which is not known; give one of degc, k, degf$"):
             read_netcdf(tmp_path / "in.nc", {})
         return
-    time_s, values = read_netcdf(tmp_path / "in.nc", {})["temperature"]
+    time_s, values = read_netcdf(tmp_path / "in.nc", {})[0]["temperature"]
     np.testing.assert_allclose(time_s, [0.0, 1e-3, 2e-3])
     np.testing.assert_allclose(values, read, atol=1e-9)
 
@@ -441,3 +441,64 @@ def test_a_pipe_called_netcdf_is_refused(tmp_path, capsys):
     os.mkfifo(tmp_path / "flight.nc")
     with pytest.raises(InputError, match="flight.nc: is a pipe, expected a file"):
         read_netcdf(tmp_path / "flight.nc", {})
+
+
+def of_netcdf(tmp_path, *variables):
+    """A file of variables: name, dimension, values and attributes."""
+    with netCDF4.Dataset(tmp_path / "in.nc", "w") as data:
+        for name, dimension, values, attributes in variables:
+            if dimension not in data.dimensions:
+                data.createDimension(dimension, len(values))
+            variable = data.createVariable(name, "f8", (dimension,))
+            variable[:] = values
+            variable.setncatts(attributes)
+    return tmp_path / "in.nc"
+
+
+SINCE = {"standard_name": "time", "units": "seconds since 2026-01-01"}
+
+
+def test_each_variable_of_netcdf_goes_by_the_times_of_its_own_dimension(tmp_path):
+    path = of_netcdf(
+        tmp_path,
+        ("gps_time", "fix", [0.0, 100.0], SINCE),
+        ("time", "ctd", [0.0, 1.0, 2.0], SINCE),
+        ("ctd_time", "ctd", [0.5, 1.5, 2.5], SINCE),
+        ("TEMP", "ctd", [4.0, 5.0, 6.0], {"standard_name": "sea_water_temperature", "coordinates": "ctd_time lat"}),
+        ("probe", "ctd", [7.0, 8.0, 9.0], {"units": "degrees_Celsius"}),
+        ("lone", "other", [1.0, 2.0, 3.0, 4.0], {}),
+    )
+    found, said = read_netcdf(path, {})
+    np.testing.assert_allclose(found["temperature"][0] % 86400.0, [0.5, 1.5, 2.5])
+    np.testing.assert_allclose(found["temperature"][1], [4.0, 5.0, 6.0])
+    assert "temperature 'TEMP'; times 'ctd_time'" in said[0]
+    found, _ = read_netcdf(path, {"temperature": "probe"})
+    np.testing.assert_allclose(found["temperature"][0] % 86400.0, [0.0, 1.0, 2.0])
+    with pytest.raises(InputError, match=r"'lone' for temperature has no times: .* lies over \(other\)"):
+        read_netcdf(path, {"temperature": "lone"})
+
+
+@pytest.mark.parametrize(
+    ("unit", "values", "said"),
+    [("dbar", [500.0, 600.0], "no air has as much"), ("furlong", [1.0, 2.0], "'furlong', which is not known")],
+)
+def test_a_pressure_of_netcdf_that_is_none_of_the_airs_is_left_out_and_said(tmp_path, unit, values, said):
+    readings = ("time", "obs", [0.0, 1.0], SINCE), ("temperature", "obs", [20.0, 21.0], {"units": "degC"})
+    path = of_netcdf(tmp_path, *readings, ("pressure", "obs", values, {"units": unit}))
+    found, (_, *left_out) = read_netcdf(path, {})
+    assert set(found) == {"temperature"} and said in " ".join(left_out)
+    path = of_netcdf(tmp_path, *readings, ("pressure", "obs", [10.1, 9.8], {"units": "dbar"}))
+    np.testing.assert_allclose(read_netcdf(path, {})[0]["pressure"][1], [1010.0, 980.0])
+
+
+@pytest.mark.parametrize("way", [{"positive": "down"}, {"positive": "up"}, {}])
+def test_a_depth_of_netcdf_is_an_altitude_downwards_and_times_may_be_nanoseconds(tmp_path, way):
+    path = of_netcdf(
+        tmp_path,
+        ("time", "obs", [0.0, 2e9], SINCE | {"units": "nanoseconds since 2026-01-01"}),
+        ("temperature", "obs", [20.0, 21.0], {"units": "degC"}),
+        ("depth", "obs", [3.0, 4.0], {"standard_name": "depth", "units": "m"} | way),
+    )
+    found = read_netcdf(path, {})[0]
+    np.testing.assert_allclose(found["altitude"][1], [3.0, 4.0] if way.get("positive") == "up" else [-3.0, -4.0])
+    np.testing.assert_allclose(found["temperature"][0], 1767225600.0 + np.array([0.0, 2.0]))
