@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from datetime import UTC, datetime
@@ -24,7 +24,16 @@ from shockrig.files.errors import InputError
 from shockrig.files.flight_intermet import clock_of
 from shockrig.files.flight_known import KnownLog, day_of, known_log
 from shockrig.files.readings_figure import Against, plot_readings
-from shockrig.files.unit_names import UNITS, UnitError, bare_name, squeeze, unit_of_column
+from shockrig.files.unit_names import (
+    UNITS,
+    UnitError,
+    bare_name,
+    outside_name,
+    quantity_of,
+    squeeze,
+    unit_in_name,
+    unit_of_column,
+)
 from shockrig.files.views import card, require_xarray
 
 if TYPE_CHECKING:
@@ -77,6 +86,8 @@ NAMES: dict[str, tuple[str, ...]] = {
         "verticalspeedms", "verticalspeed", "risespeedms", "risespeed", "climbratems", "climbrate", "vspeed",
     ),
 }  # fmt: skip
+OF_AIR = ("temperature", "humidity", "pressure")  # of which a logger may have its own
+MOST_NAMED = 6
 FURTHEST_HEADER = 60  # lines of metadata above the names
 INTERMET = "COM Elapse"  # a column that only the log of InterMet's application has
 XQ2_FIELDS = (
@@ -298,7 +309,27 @@ def read_layout(path: Path, chosen: Mapping[str, str] | None = None) -> FlightCo
     named = [(quantity, unit) for quantity, unit in units.items() if quantity != "time"]
     if converted := [f"{quantity} {header[place[quantity]]!r} is in {unit}" for quantity, unit in named]:
         said = "; ".join([*([said] if said else []), f"{', '.join(converted)}, and converted"])
+    several = [one for one in ("temperature", "humidity") if one in place and one not in chosen]
+    said = "; ".join(filter(None, [said, *(_one_of(one, header, place) for one in several)]))
     return FlightColumns(tuple(header), place, str(path), date, zero_is_missing=intermet, said=said, units=units)
+
+
+def also_called(quantity: str, header: Sequence[str], place: Mapping[str, int]) -> list[str]:
+    """Columns that may be a quantity's by their names, and are not taken for anything."""
+    taken = {header[k] for k in place.values()}
+    return [name for name in header if name not in taken and quantity_of(name, unit_in_name(name)) == quantity]
+
+
+def _one_of(quantity: str, header: Sequence[str], place: Mapping[str, int]) -> str:
+    """A sentence on which of several columns is taken; empty where there is no other."""
+    others = also_called(quantity, header, place)
+    return f"{quantity} {header[place[quantity]]!r} is taken, {others_said(quantity, others)}" if others else ""
+
+
+def others_said(quantity: str, others: Sequence[str]) -> str:
+    """The end of a sentence that names what else may be a quantity, and how to take it."""
+    named = ", ".join(map(repr, others[:MOST_NAMED])) + (", ..." if len(others) > MOST_NAMED else "")
+    return f"and not {named}: --column {quantity}=NAME takes another"
 
 
 def _units(path: Path, header: list[str], place: Mapping[str, int], chosen: Mapping[str, str]) -> dict[str, str]:
@@ -390,6 +421,9 @@ def _places(path: Path, header: list[str], chosen: Mapping[str, str], log: Known
         other = {"time": "T", "temperature": header[place["time"]] if "time" in place else "t"}.get(quantity)
         squeezed = ["" if name == other else _plain(name) for name in header]
         found = next((squeezed.index(name) for name in names if name in squeezed), None)
+        if quantity in OF_AIR and names[0] not in squeezed:
+            outside = [outside_name(name) for name in squeezed]
+            found = next((outside.index(name) for name in names if len(name) > 1 and name in outside), found)
         if found is None and quantity in KIND_OF:
             found = _with_unit(header, set(place.values()), quantity)
         if found is not None:

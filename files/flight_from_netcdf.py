@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from shockrig.files.disk import demand_text_name, open_regular, shown
 from shockrig.files.errors import InputError
-from shockrig.files.flight import NAMES
+from shockrig.files.flight import NAMES, others_said
 from shockrig.files.ranges import RANGES
-from shockrig.files.unit_names import squeeze
+from shockrig.files.unit_names import quantity_of, squeeze
 
 Array = NDArray[np.float64]
 STANDARD_NAMES = {
@@ -112,6 +112,8 @@ def _read(data: Any, chosen: Mapping[str, str], path: Path) -> tuple[dict[str, t
         if clock not in seconds:
             seconds[clock] = _seconds(lines[clock], path)
         found[quantity] = (seconds[clock], values)
+        if quantity in NEEDED and quantity not in chosen and (others := _others(lines, quantity, taken)):
+            said.append(f"{quantity} {taken!r} is taken, {others_said(quantity, others)}")
         read.append(f"{quantity.replace('_', ' ')} {taken!r}{DOWNWARDS if _down(lines[taken], quantity) else ''}")
     return found, (f"read as netCDF: {', '.join(read)}; times {', '.join(map(repr, seconds))}", *said)
 
@@ -132,6 +134,19 @@ def _called(lines: Mapping[str, Any], quantity: str) -> list[str]:
     ]
     squeezed = {squeeze(name): name for name in lines if not _standard_name(lines[name]).startswith("sea_water")}
     return list(dict.fromkeys([*found, *(squeezed[name] for name in NAMES[quantity] if name in squeezed)]))
+
+
+def _others(lines: Mapping[str, Any], quantity: str, taken: str) -> list[str]:
+    """Variables that may be a quantity as well, by their names and units."""
+    called = set(_called(lines, quantity))
+    for name, variable in lines.items():
+        if quantity_of(name, None) == quantity and _plain_unit(variable) in UNITS[quantity]:
+            called.add(name)
+    return [name for name in lines if name in called and name != taken]
+
+
+def _plain_unit(variable: Any) -> str:
+    return str(getattr(variable, "units", "")).strip().lower().replace("°", "deg").replace("_", "")
 
 
 def _is_dated(variable: Any) -> bool:
@@ -188,7 +203,7 @@ def _values(variable: Any, quantity: str, path: Path) -> Array:
     known, unit = UNITS.get(quantity, {}), str(getattr(variable, "units", "")).strip()
     if not known or not unit:
         return values
-    plain = unit.lower().replace("°", "deg").replace("_", "")
+    plain = _plain_unit(variable)
     if plain not in known:
         one_of_each = {scale: name for name, scale in reversed(known.items())}
         said = f"{variable.name} is in {unit!r}, which is not known; give one of"

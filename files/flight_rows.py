@@ -91,9 +91,10 @@ def damage_notes(path: Path, layout: FlightColumns) -> list[str]:
     return [f"{how_many} and are treated as missing there (first: {damage.first_damaged})"]
 
 
-def unrecognised(quantity: str) -> str:
-    """A sentence on a quantity that a log seems to lack."""
-    return f"{quantity}: no column of it recognised; if there is one, --column {quantity}=NAME"
+def unrecognised(quantity: str, maybe: Sequence[str] = ()) -> str:
+    """A sentence on a quantity that a log seems to lack; `maybe` names columns that may be its."""
+    those = f" ({', '.join(map(repr, maybe))}?)" if maybe else ""
+    return f"{quantity}: no column of it recognised; if there is one{those}, --column {quantity}=NAME"
 
 
 def _text_cells(rows: Rows, layout: FlightColumns, quantity: str) -> NDArray[np.bool_]:

@@ -86,6 +86,7 @@ _TIMES = (
     "elapsed", "elapsed time", "seconds", "millis", "epoch", "unixtime", "unix", "ms", "fecha", "hora",
     "heure", "clock", "tms",
 )  # fmt: skip
+OUTSIDE = ("external", "outside", "outdoor", "ambient", "ext", "air")
 _BRACKETS = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]")
 
 
@@ -152,6 +153,15 @@ def unit_of_column(quantity: str, name: str, called: Sequence[str] = ()) -> str 
 def squeeze(name: str) -> str:
     """A column's name as letters and digits alone: "Air Temperature (degC)" -> "airtemperaturedegc"."""
     return re.sub(r"[^a-z0-9]", "", name.lower().replace("°", "").replace("%", "percent"))
+
+
+def outside_name(squeezed: str) -> str | None:
+    """What is left of a column's name as `squeeze` gives it without a word that says that it is of the air outside of
+    the logger ("exttemperature", "tempambient"); None where it has none."""
+    for word in OUTSIDE:
+        if squeezed != (rest := squeezed.removeprefix(word)) or squeezed != (rest := squeezed.removesuffix(word)):
+            return rest
+    return None
 
 
 class UnitError(ValueError):

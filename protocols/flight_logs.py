@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,9 +21,10 @@ from shockrig.files.disk import open_text, shown
 from shockrig.files.errors import InputError
 from shockrig.files.flight import REMEDY, Flight, LayoutError, read_layout, unread_unit
 from shockrig.files.flight_rows import damage_notes, whole_flight
+from shockrig.files.unit_names import outside_name, squeeze
 
 if TYPE_CHECKING:
-    from shockrig.rig.logs.mapping import LogMap
+    from shockrig.rig.logs.mapping import LogMap, SensorMap
 
 Array = NDArray[np.float64]
 COLUMNS = {
@@ -40,6 +41,7 @@ COLUMNS = {
 FIRST_LINE = 200  # characters that tell a log
 BACK_S = 1.0  # that the clock steps back: less is rows out of order
 QUANTITY_OF = {"temperature": "temperature", "humidity": "humidity", "die_temperature": "die", "pressure": "pressure"}
+MAIN = ("temperature", "humidity")
 READINGS = ("temperature", "humidity", "die")  # are not made up between readings; where the drone is, is
 Series = tuple[Array, Array]  # time [s], value
 
@@ -125,10 +127,13 @@ def _by_guess(source: Path, columns: Mapping[str, str] | None) -> tuple[dict[str
             raise InputError(f"{no_clock}; --map MAP.toml takes it") from None
         except BenchError:
             raise refused from None
-        found, taken = _by_map(source, seen), dict[str, str]()
+        ordered = sorted(seen.sensors.items(), key=lambda one: not _is_outside(one[1]))
+        seen = replace(seen, sensors=dict(ordered))
+        found, taken, others = _by_map(source, seen), dict[str, str](), dict[str, list[str]]()
         for sensor in seen.sensors.values():
             for key, (name, _) in sensor.columns.items():
-                taken.setdefault(key, name)
+                if taken.setdefault(key, name) != name:
+                    others.setdefault(key, []).append(name)
         for key, name in taken.items():
             if (quantity := QUANTITY_OF.get(key)) and (unit := unread_unit(quantity, name)):
                 raise InputError(
@@ -140,8 +145,18 @@ def _by_guess(source: Path, columns: Mapping[str, str] | None) -> tuple[dict[str
             found.pop("die", None)  # that one chip measures both is what a logger's map supposes, and no reading
             taken.pop("die_temperature", None)
         listed = ", ".join(f"{key.replace('_', ' ')} {name!r}" for key, name in {"time": seen.time[0], **taken}.items())
-        return found, (f"the log was read as shockrig import reads it: {listed}; --map MAP.toml says otherwise",)
+        said = [f"the log was read as shockrig import reads it: {listed}; --map MAP.toml says otherwise"]
+        for key in MAIN:
+            if key in others:
+                named = ", ".join(map(repr, others[key]))
+                said.append(f"{key} {taken[key]!r} is taken, and not {named}: a map with one sensor takes another")
+        return found, tuple(said)
     return None
+
+
+def _is_outside(sensor: SensorMap) -> bool:
+    """Whether a sensor's names say that it is outside of the logger."""
+    return any(outside_name(squeeze(name)) is not None for key, (name, _) in sensor.columns.items() if key in MAIN)
 
 
 def _by_map(source: Path, map_: LogMap) -> dict[str, Series]:

@@ -20,7 +20,7 @@ from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S, Stream
 from shockrig.files.disk import real_path
 from shockrig.files.errors import InputError
-from shockrig.files.flight import FLAGS, Corrected, Flight, FlightColumns, read_layout
+from shockrig.files.flight import FLAGS, Corrected, Flight, FlightColumns, also_called, read_layout
 from shockrig.files.flight_cells import Rows, joined, read_blocks
 from shockrig.files.flight_csv import CsvWriter
 from shockrig.files.flight_netcdf import NetcdfWriter
@@ -119,7 +119,7 @@ def _said_of(source: Path, layout: FlightColumns, profile: Profile) -> list[str]
     said += [*serial_doubts(of_log(source, layout, source.name), profile.sensors), *damage]
     for quantity in ("temperature", "humidity"):
         if quantity not in layout.place and getattr(profile, quantity) is not None:
-            said.append(unrecognised(quantity))
+            said.append(unrecognised(quantity, also_called(quantity, layout.header, layout.place)))
     return said
 
 

@@ -136,8 +136,32 @@ def test_what_is_wrong_with_a_log_is_said_with_its_remedy(tmp_path, capsys, text
 
 def test_a_channel_that_is_not_recognised_is_said_to_be(tmp_path, capsys):
     rows = [f"{s},{45 + 0.1 * np.sin(s / 9):.2f},{20 + 0.1 * np.sin(s / 9):.2f}" for s in range(60)]
-    status, said = run(tmp_path, capsys, "\n".join(["time,humidity,external temperature", *rows]) + "\n")
-    assert status == 0 and "--column temperature=NAME" in said
+    status, said = run(tmp_path, capsys, "\n".join(["time,humidity,board temperature", *rows]) + "\n")
+    assert status == 0 and "if there is one ('board temperature'?), --column temperature=NAME" in said
+
+
+@pytest.mark.parametrize(
+    ("names", "taken", "others"),
+    [
+        ("temp,ext_temp", "ext_temp", ["temp"]),
+        ("temperature,Ambient Temperature (C),board_temp", "Ambient Temperature (C)", ["temperature", "board_temp"]),
+        ("Temp,SHT_Temp,BME_Temp", "Temp", ["SHT_Temp", "BME_Temp"]),
+        ("temp,text", "temp", []),
+    ],
+)
+@pytest.mark.parametrize("separator", [",", ";"])
+def test_of_several_temperatures_the_airs_is_taken_and_the_others_are_named(
+    tmp_path, capsys, names, taken, others, separator
+):
+    count = names.count(",") + 1
+    rows = [",".join([f"{s}", *(f"{20 + k + 0.1 * np.sin(s / 9):.2f}" for k in range(count))]) for s in range(60)]
+    text = "\n".join([f"time,{names}", *rows]) + "\n"
+    status, said = run(tmp_path, capsys, text.replace(",", separator))
+    named = f"temperature {taken!r} is taken, and not {', '.join(map(repr, others))}"
+    assert status == 0 and (named in said if others else "is taken" not in said)
+    if separator == ",":
+        status, said = run(tmp_path, capsys, text, "--column", f"temperature={taken}")
+        assert status == 0 and "is taken, and not" not in said
 
 
 def test_lines_of_metadata_and_a_row_of_units_go_by_the_map_that_look_writes(tmp_path, capsys):
