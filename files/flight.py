@@ -9,7 +9,7 @@ import csv
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
 from itertools import islice
 from operator import methodcaller
@@ -185,6 +185,17 @@ class Corrected:
     independent_after_s: dict[str, float] = field(default_factory=dict)
     widened: dict[str, float] = field(default_factory=dict)
     slower: dict[str, float] = field(default_factory=dict)
+
+    def at(self, rows: slice | NDArray[np.int64]) -> Corrected:
+        """Some of the rows, or all of them in another order."""
+        cut: dict[str, Any] = {
+            name: getattr(self, name)[rows]
+            for name in (
+                "temperature_c", "temperature_uncertainty_k", "humidity_percent", "humidity_uncertainty_percent"
+            )
+        }  # fmt: skip
+        cut["flags"] = {name: mask[rows] for name, mask in self.flags.items()}
+        return replace(self, **cut, common={name: values[rows] for name, values in self.common.items()})
 
     def flag_texts(self) -> list[str]:
         """For each row its flags joined by "|", empty where there is none."""

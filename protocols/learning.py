@@ -73,10 +73,12 @@ def checked(name: str, flight: Flight) -> tuple[Flight, list[str]]:
     """
     from shockrig.analysis.flight.correct import in_order
     from shockrig.analysis.flight.doubts import doubts, in_air, slips
+    from shockrig.analysis.flight.late_rows import by_time
     from shockrig.analysis.flight.screen import code_notes, without_codes
 
-    flight, codes = without_codes(flight)
-    said = code_notes(codes)
+    order, late = by_time(flight.time_s)
+    flight, codes = without_codes(flight if order is None else flight.at(order))
+    said = [*late, *code_notes(codes)]
     try:
         part, rows, steps = in_order(flight)
     except InputError as error:

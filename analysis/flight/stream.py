@@ -5,7 +5,7 @@ it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.flight.correct import correct_read, of_both_columns
 from shockrig.analysis.flight.flight_channel import REMEMBERED_LAGS
+from shockrig.analysis.flight.late_rows import by_time
 from shockrig.analysis.flight.response import bead_response, film_response
 from shockrig.analysis.flight.screen import UNSURE, code_notes
 from shockrig.analysis.flight.smooth_channel import typical_period
@@ -74,13 +75,17 @@ def correct_file(
     writer = _writer(target, layout, history)
     try:
         for rows, before, after, logged in _with_margins(source, layout, block_rows, _remembered_s(profile)):
-            flight, codes = of_both_columns(logged, profile)
+            order, late = (None, []) if method == "causal" else by_time(logged.time_s)
+            flight, codes = of_both_columns(logged if order is None else logged.at(order), profile)
             noise, unsure = (temperature_noise_k, humidity_noise_percent), codes.get(UNSURE)
-            found = correct_read(flight, (), profile, method, cutoff_hz, *noise, lag_s, unsure)
-            own = slice(before, flight.time_s.size - after)
+            found = correct_read(flight, late, profile, method, cutoff_hz, *noise, lag_s, unsure)
+            own: slice | NDArray[np.int64] = slice(before, flight.time_s.size - after)
+            if order is not None:
+                own = np.flatnonzero((order >= before) & (order < flight.time_s.size - after))
             totals.count(codes, own)
-            found, flight = _cut(found, own), flight.at(own)
-            writer.write(rows, flight, found)
+            found, flight = found.at(own), flight.at(own)
+            in_file = slice(None) if order is None else np.argsort(order[own])
+            writer.write(rows, flight.at(in_file), found.at(in_file))
             totals.add(flight, found)
             for take in gather:
                 take(flight, found)
@@ -173,18 +178,6 @@ def _between(tail: Rows | None, rows: Rows, head: Rows | None, layout: FlightCol
     return rows, before, after, to_flight(joined(parts), layout)
 
 
-def _cut(found: Corrected, part: slice) -> Corrected:
-    return replace(
-        found,
-        temperature_c=found.temperature_c[part],
-        temperature_uncertainty_k=found.temperature_uncertainty_k[part],
-        humidity_percent=found.humidity_percent[part],
-        humidity_uncertainty_percent=found.humidity_uncertainty_percent[part],
-        flags={name: mask[part] for name, mask in found.flags.items()},
-        common={name: values[part] for name, values in found.common.items()},
-    )
-
-
 class _Totals:
     """Running sums over blocks, and what was `said` of the log before."""
 
@@ -194,7 +187,7 @@ class _Totals:
         self.notes: dict[str, None] = dict.fromkeys(said)
         self.codes: dict[str, int] = {}
 
-    def count(self, codes: Mapping[str, NDArray[np.bool_]], own: slice) -> None:
+    def count(self, codes: Mapping[str, NDArray[np.bool_]], own: slice | NDArray[np.int64]) -> None:
         for name, rows in codes.items():
             self.codes[name] = self.codes.get(name, 0) + int(np.count_nonzero(rows[own]))
 
