@@ -78,8 +78,8 @@ _WORDS = {
     "temperature": ("temp", "tair", "therm", "rtd", "ntc", "pt100", "pt1000", "bead", "t_air", "celsius"),
 }
 _OTHER = (
-    "dew", "frost", "batt", "volt", "heat index", "wet bulb", "wet-bulb", "potential", "setpoint", "direction",
-    "velocity", "ascent", "climb", "over ground", "efficien", "duty", "throttle", "charge",
+    "dew", "frost", "batt", "volt", "heat index", "wind chill", "wet bulb", "wet-bulb", "potential", "setpoint",
+    "direction", "velocity", "ascent", "climb", "over ground", "efficien", "duty", "throttle", "charge",
 )  # fmt: skip
 _TIMES = (
     "time", "timestamp", "datetime", "date_time", "date time", "date-time", "t", "date", "datum", "zeit", "uhrzeit",

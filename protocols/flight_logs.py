@@ -134,8 +134,13 @@ def _by_guess(source: Path, columns: Mapping[str, str] | None) -> tuple[dict[str
             for key, (name, _) in sensor.columns.items():
                 if taken.setdefault(key, name) != name:
                     others.setdefault(key, []).append(name)
+        said = list[str]()
         for key, name in taken.items():
             if (quantity := QUANTITY_OF.get(key)) and (unit := unread_unit(quantity, name)):
+                if quantity == "pressure":
+                    found.pop(quantity, None)
+                    said.append(f"pressure {name!r} is left out: {unit!r} is no unit of it that is known")
+                    continue
                 raise InputError(
                     f"{shown(source)}: column {name!r}: {unit!r} is no unit of {quantity} that is known; convert the "
                     "column and rename it, or read the log by a map that states its unit: shockrig import FILE --look "
@@ -145,7 +150,7 @@ def _by_guess(source: Path, columns: Mapping[str, str] | None) -> tuple[dict[str
             found.pop("die", None)  # that one chip measures both is what a logger's map supposes, and no reading
             taken.pop("die_temperature", None)
         listed = ", ".join(f"{key.replace('_', ' ')} {name!r}" for key, name in {"time": seen.time[0], **taken}.items())
-        said = [f"the log was read as shockrig import reads it: {listed}; --map MAP.toml says otherwise"]
+        said.insert(0, f"the log was read as shockrig import reads it: {listed}; --map MAP.toml says otherwise")
         for key in MAIN:
             if key in others:
                 named = ", ".join(map(repr, others[key]))

@@ -11,7 +11,7 @@ import numpy as np
 
 from shockrig.files.flight import NAMES
 from shockrig.files.unit_names import EPOCH, UNITS, bare_name, is_called_time, quantity_of, squeeze, unit_in_name
-from shockrig.rig.logs.stamps import ISO, NUMBERS, OF_DAY, TimeColumns
+from shockrig.rig.logs.stamps import ISO, NUMBERS, OF_DAY, TimeColumns, half_day
 from shockrig.rig.logs.text import NUMBER, unit_in_cells
 
 _DATES = (
@@ -69,13 +69,15 @@ def _is_other(name: str, unit: str | None) -> bool:
     pressure, an altitude or whatever else is read."""
     if unit in UNITS["time"] or is_called_time(name):
         return False
+    if re.search(r"[\[(]", name):  # a unit, that is none of time
+        return True
     read = {one for quantity, known in NAMES.items() if quantity != "time" for one in known}
     return bool(counters([name])) or squeeze(bare_name(name)) in read or quantity_of(name, unit) is not None
 
 
 def guess_format(cells: Sequence[str]) -> tuple[str | None, str]:
     """Format of a column of dates or times of day, and what is in doubt; None where they are neither."""
-    texts = [cell.strip() for cell in cells if cell.strip()]
+    texts = [half_day(cell.strip()) for cell in cells if cell.strip()]
     if not texts or sum(NUMBER.fullmatch(text) is not None for text in texts) > len(texts) / 2:
         return None, ""
     some = texts[:: max(1, len(texts) // 40)]
@@ -124,6 +126,8 @@ def _counted(name: str, cells: Sequence[str], unit: str | None, named: bool) -> 
         return None
     steps = np.diff(values)
     if not (steps >= 0).mean() > 0.95 or values[-1] <= values[0] or (not named and not (steps > 0).mean() > 0.95):
+        return None
+    if (steps < 0).any() and values.min() >= 0 and values.max() < 60:  # seconds of a minute that another column has
         return None
     for epoch_unit, (low, high) in EPOCH.items():
         if low < np.median(values) < high:

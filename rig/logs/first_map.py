@@ -23,7 +23,10 @@ from shockrig.rig.logs.text import Layout, Scan, scan
 
 WIDTH, LONGEST = 44, 120  # where comments stand, and how long a line may be
 MUCH_FASTER = 1.5  # that a sensor must be to be suggested as another's reference
-CLOCK_LINE = 'time = "..." (every_s = 1.0, from row to row, where no column tells the time)'
+CLOCK_LINE = (
+    'time = "..." (a column to be added where several make up the time; every_s = 1.0, from row to row, where none '
+    "tells it)"
+)
 UNIT_SHOWN = {"temperature": "degC", "humidity": "%RH"}
 
 

@@ -5,6 +5,7 @@ A log's own clock is kept: numbers stay as they are but for their unit, dates co
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, time
@@ -68,9 +69,16 @@ def parsed(clock: TimeColumns, columns: Mapping[str, NDArray[Any]]) -> NDArray[A
         joined = joined + " " + pd.Series(columns[name], dtype="str").str.strip()
     if clock.format == OF_DAY:
         return _clock_s(joined)
+    if "%p" in clock.format:
+        joined = joined.map(half_day)
     kind = "ISO8601" if clock.format == ISO else clock.format
     moments = pd.to_datetime(joined, format=kind, errors="coerce", utc=True)
     return moments.dt.tz_localize(None).to_numpy(dtype="datetime64[ns]")
+
+
+def half_day(text: str) -> str:
+    """A time with its half of the day as strptime reads it: 02:04:00 p. m. is what Spanish has for 02:04:00 pm."""
+    return re.sub(r"\s*([ap])\.?\s?m\.?$", r" \1m", text, flags=re.I)
 
 
 def in_seconds(

@@ -27,12 +27,16 @@ SEPARATORS = {"tab": "\t", "semicolon": ";", "comma": ",", "bar": "|", "space": 
 COMMENTS = ("#", "//", "%", "!", "*")
 NO_NUMBER = (*NO_VALUE_WORDS, "nan", "nil", "inf", "-inf", "+inf", "err", "error", "ol")
 BEHIND = re.compile(r"[,;]+(?=\s|$)")  # "17:58:47 22.4, 50.1": blanks part the cells, and commas stand behind some
+LISTED = re.compile(
+    r"\W*(?:name|field|column|channel)\s*\d+\s*[:=]\s*(?:\S+: )?(.+?)\s*$", re.I
+)  # "# name 0 = t: Time [s]"
 SAMPLE_LINES = 200
 PROCESSING = {"", "ts", "rn", "smp", "avg", "max", "min", "std", "tot", "med"}  # under names, of Campbell's loggers
 
 NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
 DATE = re.compile(
-    r"(?=.*\d)[\d:/.,\-+ T]+(Z|[ap]\.?m\.?)?|.*(jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec)[a-z]*[ /.-].*\d", re.I
+    r"(?=.*\d)[\d:/.,\-+ T]+(Z|[ap]\.?\s?m\.?)?|.*(jan|feb|mar|apr|may|jun|jul|aug|sep|oct|nov|dec)[a-z]*[ /.-].*\d",
+    re.I,
 )
 
 
@@ -257,6 +261,10 @@ def _header(
     if layout.header_line is not None:
         line = lines[layout.header_line - 1] if layout.header_line <= len(lines) else ""
         return _unique(aligned(cells(line)), width), nothing, layout.header_line
+    over = kept[: int(np.searchsorted(kept.places, plain.places[first]))]
+    named = [(match[1], over.number(i)) for i, line in enumerate(over) if (match := LISTED.match(line))]
+    if len(named) == width:  # a line each, as Sea-Bird and Lockheed Martin write them
+        return _unique([name for name, _ in named], width), nothing, named[-1][1]
     units = nothing
     for i in range(first - 1, -1, -1):
         found = cells(plain[i])
@@ -269,14 +277,21 @@ def _header(
             if said:
                 units = tuple((found + [""])[:width])
             continue
+        if said > len(found) / 2:
+            break
         return _unique(aligned(found), width), units, plain.number(i)
     # The names may stand in a comment: "# time temperature humidity".
-    for i in reversed(range(int(np.searchsorted(kept.places, plain.places[first])))):
-        found = cells(kept[i].lstrip("".join(COMMENTS) + " "))
+    for i in reversed(range(len(over))):
+        found = cells(over[i].lstrip("".join(COMMENTS) + " "))
+        if len(found) == 1 and len(found[0].split()) == width:  # rows are parted by tabs, and names by blanks
+            found = found[0].split()
+        if sum(map(is_unit, found)) > len(found) / 2:  # under more names than a row has cells
+            units = tuple((found + [""] * width)[:width])
+            continue
         # Whoever writes names and rows apart may name more than a row holds.
         whole = len(found) == width or (len(found) > width and is_called_time(found[0]))
         if whole and not any(NUMBER.fullmatch(cell) for cell in found):
-            return _unique(found, width), units, kept.number(i)
+            return _unique(found, width), units, over.number(i)
     return tuple(str(k + 1) for k in range(width)), nothing, 0
 
 
@@ -293,8 +308,6 @@ def _unique(names: Sequence[str], width: int) -> tuple[str, ...]:
 
 def _decimal(rows: Sequence[str], separator: str) -> str:
     """A comma where cells such as 21,5 are and cells such as 21.5 are not."""
-    if separator == ",":
-        return "."
     cells = [cell.strip() for row in rows for cell in _split(row, separator)]
     commas = sum(re.fullmatch(r"[+-]?\d+,\d+", cell) is not None for cell in cells)
     points = sum(re.fullmatch(r"[+-]?\d+\.\d+", cell) is not None for cell in cells)

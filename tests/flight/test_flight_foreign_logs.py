@@ -93,6 +93,69 @@ def test_a_pressure_that_rises_is_no_clock(tmp_path, capsys):
     assert status == 2 and "every_s" in said
 
 
+SEA_BIRD = [
+    "* Sea-Bird SBE 9 Data File:",
+    "# nquan = 4",
+    "# name 0 = scan: Scan Count",
+    "# name 1 = timeS: Time, Elapsed [seconds]",
+    "# name 2 = prDM: Pressure, Digiquartz [db]",
+    "# name 3 = t090C: Temperature [ITS-90, deg C]",
+    "# span 3 = 4.0, 5.0",
+    "*END*",
+]
+MK21 = [
+    "// MK21 EXPORT DATA FILE  (EDF)",
+    "Depth Coeff. 1   :  0.0",
+    "Field1            :  Time (sec)",
+    "Field2            :  Resistance (ohms)",
+    "Field3            :  Depth (m)",
+    "Field4            :  Temperature (°C)",
+    "// Data",
+]
+KESTREL = [
+    '"Device Name","WEATHER"',
+    '"FORMATTED DATE_TIME","Temperature","Wind Chill","Wind Speed","Data Type","Notes","More"',
+    '"YYYY-MM-DD HH:MM:SS","°C","°C","km/h"',
+]
+
+
+@pytest.mark.parametrize(
+    ("head", "row", "time", "temperature"),
+    [
+        (SEA_BIRD, "{n:6d} {n:8.1f} {n:8.3f} {c:9.4f}", "Time, Elapsed [seconds]", "Temperature [ITS-90, deg C]"),
+        (MK21, "{n:.1f}\t5410.8\t{n:.2f}\t{c:.4f}", "Time (sec)", "Temperature (°C)"),
+        (
+            KESTREL,
+            '"2023-06-14 {hour:02d}:{minute:02d}:00 {half}. m.","{comma}","20,5","3,6","session"',
+            "FORMATTED DATE_TIME",
+            "Temperature",
+        ),
+    ],
+    ids=["Sea-Bird", "MK21", "Kestrel"],
+)
+def test_names_that_are_listed_and_halves_of_the_day_are_read(tmp_path, capsys, head, row, time, temperature):
+    rows = []
+    for n in range(90):
+        hour, c = 11 + n // 60, f"{4 + 0.1 * np.sin(n / 9):.4f}"
+        half = "a" if hour < 12 else "p"
+        rows.append(row.format(n=n, c=float(c), comma=c.replace(".", ","), hour=hour, minute=n % 60, half=half))
+    status, said = run(tmp_path, capsys, "\n".join([*head, *rows]) + "\n")
+    assert status == 0 and f"time {time!r}, temperature {temperature!r}" in said
+    with (tmp_path / "out.csv").open() as stream:
+        written = list(csv.DictReader(stream))
+    times = [float(one["time_s"]) for one in written]
+    np.testing.assert_allclose(np.diff(times), 60.0 if head is KESTREL else 1.0)
+    assert float(written[9]["temperature_c"]) == pytest.approx(4 + 0.1 * np.sin(1.0), abs=1e-4)
+    if head is KESTREL:
+        assert float(written[9]["airspeed_m_s"]) == pytest.approx(1.0)
+
+
+def test_an_altitude_under_names_parted_otherwise_is_no_clock(tmp_path, capsys):
+    rows = [f"{s // 60}\t{s % 60}\t{20 - 0.1 * s:.2f}\t{2.5 * s:.1f}\t{2.4 * s:.1f}" for s in range(200)]
+    status, said = run(tmp_path, capsys, "\n".join(["min sec T[C]     Altitude[m] GeoPot[m']", *rows]) + "\n")
+    assert status == 2 and "it has: min, sec, T[C], Altitude[m], GeoPot[m']" in said and "to be added" in said
+
+
 @pytest.mark.parametrize("deepest", [100.0, 1900.0])
 def test_a_pressure_of_water_tells_no_altitude(deepest):
     time_s = np.arange(3000.0)
