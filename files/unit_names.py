@@ -79,7 +79,7 @@ _WORDS = {
 }
 _OTHER = (
     "dew", "frost", "batt", "volt", "heat index", "wind chill", "wet bulb", "wet-bulb", "potential", "setpoint",
-    "direction", "velocity", "ascent", "climb", "over ground", "efficien", "duty", "throttle", "charge",
+    "anomaly", "direction", "velocity", "ascent", "climb", "over ground", "efficien", "duty", "throttle", "charge",
 )  # fmt: skip
 _TIMES = (
     "time", "timestamp", "datetime", "date_time", "date time", "date-time", "t", "date", "datum", "zeit", "uhrzeit",

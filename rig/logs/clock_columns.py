@@ -127,7 +127,9 @@ def _counted(name: str, cells: Sequence[str], unit: str | None, named: bool) -> 
     steps = np.diff(values)
     if not (steps >= 0).mean() > 0.95 or values[-1] <= values[0] or (not named and not (steps > 0).mean() > 0.95):
         return None
-    if (steps < 0).any() and values.min() >= 0 and values.max() < 60:  # seconds of a minute that another column has
+    if (
+        not named and (steps < 0).any() and values.min() >= 0 and values.max() < 60
+    ):  # seconds of a minute that another column has
         return None
     for epoch_unit, (low, high) in EPOCH.items():
         if low < np.median(values) < high:
