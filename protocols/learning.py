@@ -177,6 +177,9 @@ def of_logs(first: Mapping[str, Flight], second: Mapping[str, Flight], said: tup
 def on_clock_of(name: str, first: Flight, other: str, second: Flight) -> Flight:
     """A second log of one flight on the first's clock: moved in time until both have one track.
 
+    A log whose track is less than the time between its rows, or the first's, away from the first's track is on its
+    clock as it is: tracks are known no better, and what moves them apart by less is how each logger takes its altitude.
+
     Raises
     ------
     InputError
@@ -184,13 +187,14 @@ def on_clock_of(name: str, first: Flight, other: str, second: Flight) -> Flight:
     """
     from shockrig.analysis.learn.bins import flown_span
 
-    tracks = []
+    tracks, rows_s = [], 0.0
     for one in (first, second):
         assert one.altitude_m is not None
         known = np.isfinite(one.altitude_m) & np.isfinite(one.time_s)
         at, rows = np.unique(one.time_s[known], return_index=True)
         if at.size < 2:
             raise InputError(f"{name} beside {other}: a log has no altitude, so its clock cannot be set; give both one")
+        rows_s = max(rows_s, float(np.median(np.diff(at))))
         even = np.arange(at[0], at[-1], TRACK_STEP_S)
         tracks.append((even, np.interp(even, at, one.altitude_m[known][rows])))
     (at, metres), (own, theirs) = tracks
@@ -210,7 +214,8 @@ def on_clock_of(name: str, first: Flight, other: str, second: Flight) -> Flight:
             "carrier are; give logs of the same flight in the same order"
         )
     late = float(climb @ off / max(float(climb @ climb), 1e-12))  # s that the second's track is still ahead
-    return replace(second, time_s=second.time_s + best[1] + late)
+    shift_s = best[1] + late
+    return second if abs(shift_s) < rows_s else replace(second, time_s=second.time_s + shift_s)
 
 
 def pair_from(
