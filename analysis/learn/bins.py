@@ -21,6 +21,7 @@ Mask = NDArray[np.bool_]
 
 REFERENCE_TEMPERATURE_C = 20.0  # of a usual day, and at which laws of temperature are stated
 CHANNELS = ("temperature", "humidity")
+USUAL_LAG_S = {"temperature": 4.0, "humidity": 8.0}  # that flights which say nothing leave possible
 SUB_SAMPLES = 4  # of the track in a bin, over which what the air adds is averaged
 GROUND_SHARE = 0.03  # of the range of altitudes: what is nearer to the ground is not flown, satellite heights wander
 LEAST_PASS_M = 20.0  # that a pass covers at least

@@ -30,7 +30,7 @@ from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 from scipy.linalg import blas, lapack
 
-from shockrig.analysis.learn.bins import FlightBins
+from shockrig.analysis.learn.bins import SUB_SAMPLES, FlightBins
 from shockrig.analysis.learn.laws import SECOND, USUAL_PATH_S, Law, Values, drawn_back, response
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.learned import SIZES
@@ -128,6 +128,15 @@ class FlightChannelData:
         begin = self.air_columns + len(self.bins.begins)
         ends = np.cumsum([begin, *(one.shape[1] for one in self.met)]).tolist()
         return tuple((len(SIZES) - 1 - len(self.met) + i, slice(ends[i], ends[i + 1])) for i in range(len(self.met)))
+
+    @cached_property
+    def part_s(self) -> float:
+        """How long a part of a bin is, over which the air is held, where readings vary: mean over their variation."""
+        apart = np.abs(np.diff(self.reading))
+        apart[np.searchsorted(self.rows, self.bins.begins[1:]) - 1] = 0.0  # from one sensor to the next
+        length = self.bins.length_s[self.rows]
+        between = 0.5 * (length[1:] + length[:-1])
+        return float(np.average(between, weights=apart + 1e-12)) / SUB_SAMPLES
 
     @cached_property
     def walks(self) -> Array:

@@ -18,7 +18,7 @@ from shockrig.analysis.learn.density import (
     density,
     slopes,
 )
-from shockrig.analysis.learn.laws import Law, LawParameter
+from shockrig.analysis.learn.laws import SECOND, Law, LawParameter
 
 Array = NDArray[np.float64]
 
@@ -90,6 +90,8 @@ class Learned:
         Of each unit's log density, its sizes eliminated.
     channels : tuple of str
         Of each unit.
+    part_s : tuple of float
+        Of each unit, how long a part of a bin is where its readings vary (`FlightChannelData`).
     """
 
     laws: tuple[Law, ...]
@@ -100,6 +102,7 @@ class Learned:
     slope: Array
     information: Array
     channels: tuple[str, ...] = ()
+    part_s: tuple[float, ...] = ()
 
     @property
     def prior(self) -> Array:
@@ -114,14 +117,26 @@ class Learned:
 
     @property
     def covariance(self) -> Array:
-        """Of theta (P, P); as wide as the flights disagree, where there are more than two."""
+        """Of theta (P, P); as wide as the flights disagree, where there are more than two, and as time is unknown."""
         whole = self.information.sum(axis=0) + np.diag(self.prior)
         inverse = np.asarray(np.linalg.inv(whole))
+        untimed = np.outer(self.untimed, self.untimed)  # as many seconds of all lags at once: they differ as before
         units = self.slope.shape[0]
         if units < 3:
-            return inverse
+            return inverse + untimed
         moved = (self.slope - self.slope.mean(axis=0)) @ inverse
-        return no_less_than_scatter(inverse, moved.T @ moved * units / (units - 1.0))
+        return no_less_than_scatter(inverse, moved.T @ moved * units / (units - 1.0)) + untimed
+
+    @property
+    def untimed(self) -> Array:
+        """By how much each of theta (P,) is unknown since the air is held over parts of bins: of logarithms of time
+        constants, the standard deviation of a time that is anywhere in a part, over the time constant."""
+        found = np.zeros(self.theta.size)
+        for i, (one, law) in enumerate(zip(self.known, _law_of(self.laws), strict=True)):
+            parts = [s for s, channel in zip(self.part_s, self.channels, strict=False) if channel == law.channel]
+            if parts and one.name.removesuffix(SECOND) == "time_constant_s":
+                found[i] = np.mean(parts) / np.sqrt(12.0) / one.parameter.decoded(float(self.theta[i]))
+        return found
 
     def sensor(self, theta: Array | None = None, channel: str | None = None) -> SensorModel:
         """The model of the sensor, at theta or at another; of one channel alone."""
@@ -315,6 +330,7 @@ def _learned(
         np.array([slope for slope, _, _ in parts]).reshape(len(units), p),
         np.array([information for _, information, _ in parts]).reshape(len(units), p, p),
         tuple(unit.channel for unit in units),
+        tuple(unit.part_s for unit in units),
     )
     if not p or not scatters:
         return whole

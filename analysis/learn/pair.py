@@ -317,7 +317,7 @@ def _of_sensor(fit: Learned, which: int) -> SensorOfPair:
     known = tuple(replace(fit.known[i], parameter=p) for i, p in zip(index, plain, strict=True))
     return SensorOfPair(
         tuple(laws), known, fit.theta[index], tuple(map(sizes_of_one, fit.sizes)), fit.value, fit.slope[:, index],
-        fit.information[:, index][:, :, index], fit.channels, fit, tuple(places),
+        fit.information[:, index][:, :, index], fit.channels, fit.part_s, fit, tuple(places),
     )  # fmt: skip
 
 

@@ -537,6 +537,15 @@ def test_a_second_log_is_put_on_the_firsts_clock(twins):
         shockrig.learn([one, twins[1][0].flight], beside=[other])
 
 
+def test_logs_of_one_clock_stay_on_it():
+    """Rows 10 s apart whose depths are taken 3 s apart: what the tracks are apart by is no clock. 25 s are one."""
+    ((one, other),) = long_dives(0.0, 0.0, dives=1)
+    for late_s, clock in ((3.0, False), (25.0, True)):
+        depth = np.interp(other.time_s + late_s, one.time_s, one.altitude_m)
+        moved = on_clock_of("one", one, "other", replace(other, altitude_m=depth)).time_s - other.time_s
+        np.testing.assert_allclose(moved, late_s if clock else 0.0, atol=0.3 if clock else 0.0)
+
+
 @pytest.mark.parametrize(("channel", "lags"), [("temperature", (5.0, 2.0)), ("humidity", (10.0, 25.0))])
 def test_lags_of_two_sensors_are_within_their_uncertainties(twins, channel, lags):
     """One fit to both, from starts a third off: each lag within two standard uncertainties, each below 0.2 of it; the
@@ -598,6 +607,43 @@ def test_two_logs_of_one_flight_in_python(twins):
         assert tau.value == pytest.approx(lag, abs=2.0 * tau.standard_uncertainty)
         assert one.profile is not None and one.profile.temperature is not None
     assert set(found.document.beside) == {"temperature"}
+
+
+def long_dives(*lags_s, seed=1, dives=2):
+    """Dives of an hour and a half to 500 m and back through a thermocline of layers that move:
+    thermometers of such lags side by side, each read every 10 s to 5 mK, at times of its own."""
+    rng = np.random.default_rng(seed)
+    found = []
+    for _ in range(dives):
+        at = np.arange(0.0, 5400.0, 0.5)
+        depth = np.interp(at, [0.0, 2500.0, 2560.0, 5400.0], [0.0, 500.0, 500.0, 0.0])
+        moved, water = depth - rng.normal(0.0, 3.0) * at / at[-1], np.full(at.size, 25.0)
+        for step in np.r_[np.full(8, -1.5), rng.normal(0.0, 0.3, 8)]:
+            water += 0.5 * step * (1.0 + np.tanh((moved - rng.uniform(60.0, 130.0)) / rng.uniform(6.0, 15.0)))
+        flights = []
+        for lag_s in lags_s:
+            kept = np.exp(-0.5 / lag_s) if lag_s else 0.0
+            read = lfilter([1.0 - kept], [1.0, -kept], water, zi=[kept * water[0]])[0]
+            rows = np.arange(rng.integers(20), at.size, 20)
+            none = np.full(rows.size, np.nan)
+            value = read[rows] + rng.normal(0.0, 0.005, rows.size)
+            flights.append(Flight(at[rows], value, none, none, none, none, -depth[rows]))
+        found.append(flights)
+    return found
+
+
+@pytest.mark.parametrize("slow_s", [5.0, 0.0])
+def test_lags_far_shorter_than_bins_are_told_beside_another_sensor(slow_s):
+    """A lag of 5 s beside none in long dives, and none beside none: by how much they differ, to half a second, and
+    neither farther from the truth than twice its uncertainty, though bins are 40 s long."""
+    pairs = long_dives(slow_s, 0.0)
+    units = [prepared(side_by_side(*(binned(one, "one", 128) for one in pair)), "temperature") for pair in pairs]
+    lag = LAWS["temperature.lag"]
+    found = fitted((beside("temperature", (lag,), (lag,)),), units, np.array([np.log(5.0), 0.0, 0.0]))
+    slow, fast = np.exp(found.theta[:2])
+    sigma = np.sqrt(np.diag(found.covariance))[:2] * (slow, fast)
+    assert slow - fast == pytest.approx(slow_s, abs=0.5)
+    assert abs(slow - slow_s) < 2.0 * sigma[0] and fast < 2.0 * sigma[1]
 
 
 @pytest.mark.parametrize("late_s", [0.0, 18.0, -7.0])
