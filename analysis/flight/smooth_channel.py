@@ -514,7 +514,7 @@ MISSED_PERIODS = 1.6  # between two readings: beyond, one is missing
 LONGEST_BRIDGE_S = 60.0  # beyond, a gap parts the flight
 SEGMENT_S = 25.0  # over which the air's turbulence intensity is taken as one, at least
 SEGMENT_LAGS = 12.0  # and so many of the sensor's time constants, or a slow sensor cannot tell it
-SEGMENT_SAMPLES = 250  # about which scores of jumps are usual, and at least of a segment of readings in coarse steps
+SEGMENT_SAMPLES = 250  # about which scores of jumps are usual; and at least of a segment in which readings say less
 LONGEST_SEGMENT = 500
 SHORTEST_SEGMENT = 60
 LARGEST_SHARE = 0.4  # of a flight: one inversion does not speak for all of it
@@ -850,12 +850,16 @@ class StrengthsOfFlight:
         spread = 0.1 * NOISE_SPREAD if self.stairs else NOISE_SPREAD
         if largest is None:
             largest = 1.0 if self.stairs else LARGEST_SHARE
+        # of readings that hide the air, or that are bridged where they say nothing, more are needed to tell
+        fewest = SHORTEST_SEGMENT if largest < 1.0 and self.ordinary.all() else SEGMENT_SAMPLES
         # what lies across a break is not the air's doing
         values = values - np.cumsum(np.where(track.broken, np.diff(values, prepend=values[0]), 0.0))
         if self.ordinary.any():  # under a profile that is not this sensor's no value may be
             values = np.interp(node_time, node_time[self.ordinary], values[self.ordinary])
         if rows.size > SPARSE_SHARE * values.size:
-            return _local_priors(values, track.along, track.period_s, self.noise, track.passing, 1, spread, largest)
+            return _local_priors(
+                values, track.along, track.period_s, self.noise, track.passing, 1, spread, largest, fewest
+            )
         # bridges would pass for calm air: the samples alone, as if they were evenly spaced
         steps = np.diff(node_time[rows])
         long = steps > 5 * np.median(steps)
@@ -871,7 +875,9 @@ class StrengthsOfFlight:
         extra = np.where(_jumped(change, JUMPED_FACTOR * usual, halfway), change, extra)
         seen = values[rows] - np.concatenate([[0.0], np.cumsum(extra)])
         some = None if track.passing is None else replace(track.passing, sigma=track.passing.sigma[rows])
-        own = _local_priors(seen, track.along.at(rows), spacing, self.noise[rows], some, self.parts, spread, largest)
+        own = _local_priors(
+            seen, track.along.at(rows), spacing, self.noise[rows], some, self.parts, spread, largest, fewest
+        )
         return own.each(lambda strength: np.interp(node_time, node_time[rows], strength))
 
 
@@ -1024,16 +1030,16 @@ def _local_priors(
     parts: int,
     spread: float,
     largest: float,
+    fewest: int,
 ) -> Prior:
     """Strengths at each node: of segments that overlap by half, each judged by itself, joined in their logarithm.
 
-    `noise` is the standard deviation expected at each node, known within a factor exp(`spread`); `largest` is the share
-    of the flight that a segment may have.
+    `noise` is the standard deviation expected at each node, known within a factor exp(`spread`); a segment may have the
+    share `largest` of the flight, and has `fewest` nodes where that allows it.
     """
     typical = float(np.sqrt(np.mean(noise**2)))
     lasting = max(SEGMENT_LAGS * along.slowest_s, SEGMENT_S) / period
-    # of readings that hide the air, so that one segment may be all of the flight, it takes more to tell how it varies
-    size = int(np.clip(lasting, SHORTEST_SEGMENT if largest < 1.0 else SEGMENT_SAMPLES, LONGEST_SEGMENT))
+    size = int(np.clip(lasting, fewest, LONGEST_SEGMENT))
     size = min(size, max(SHORTEST_SEGMENT, int(largest * bridged.size)), bridged.size)
     if size < 24:
         # too few for a spectrum: each between the strengths at which the readings, and the air, would vary as was read
