@@ -22,9 +22,8 @@ SONDES = "pydropsonde-0.4.1/example_data"
 GLIDER = "basestation3/testdata/sg171_EKAMSAT_Apr24/p17101{}.nc"
 GLIDER_FOUND, GLIDER_JUDGED = ("05", "09"), ("04", "06", "08")  # dives, as numbers 101xx
 SONDE_FOLDERS = ("HALO/Level_0/HALO*/D*", "P3/Level_0/*/D*", "HALO/Level_0/empty_afile/D*")
-GRID = (  # sondes, birds, seal, glider
-    *(np.arange(0.3, 1.6, 0.02), np.arange(4.0, 42.0, 2.0), np.arange(20.0, 170.0, 10.0), np.arange(1.0, 15.0, 0.25)),
-)
+OF_SONDES, OF_BIRDS, OF_SEAL, OF_GLIDER = (0.3, 1.6, 0.02), (4.0, 42.0, 2.0), (20.0, 170.0, 10.0), (1.0, 15.0, 0.25)
+GRID = tuple(np.arange(*lags_s) for lags_s in (OF_SONDES, OF_BIRDS, OF_SEAL, OF_GLIDER))
 FOUND_BY = (CORMORANTS.format(55), CORMORANTS.format(56), SEAL, f"{SONDES}/{SONDE_FOLDERS[0]}", GLIDER.format("04"))
 
 

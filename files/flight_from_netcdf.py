@@ -183,10 +183,9 @@ def _seconds(variable: Any, path: Path) -> Array:
     if not _is_dated(variable):
         return _values(variable, "time", path)
     unit, _, since = units.partition(" since ")
-    nano = (
-        1e-9 if unit.strip().lower() in ("ns", "nanosecond", "nanoseconds") else 1.0
-    )  # that the library does not know
-    units = f"seconds since {since}" if nano < 1.0 else units
+    nano = 1.0
+    if unit.strip().lower() in ("ns", "nanosecond", "nanoseconds"):  # which the library does not know
+        nano, units = 1e-9, f"seconds since {since}"
     values: Array = np.ma.filled(np.ma.asarray(variable[:], dtype=float), np.nan)
     try:
         ends = netCDF4.num2date(np.array([0.0, 1.0]), units, only_use_cftime_datetimes=True)

@@ -14,12 +14,17 @@ Mask = NDArray[np.bool_]
 LEG_SHARE = 0.15  # of the range of altitudes, that lies between two turns at least
 
 
+def least_leg_m(altitude_m: Array, least_m: float = 0.0) -> float:
+    """How far apart two turns of a track (n,) are at least, of at least so many metres."""
+    return max(LEG_SHARE * float(np.ptp(altitude_m)), least_m)
+
+
 def legs(altitude_m: Array, least_m: float = 0.0) -> list[tuple[int, int]]:
-    """First and last row of each way up or down of a track (n,) without gaps, from its first row to its last turn; at
-    least so many metres, and `LEG_SHARE` of its range, lie between two of these."""
+    """First and last row of each way up or down of a track (n,) without gaps, from its first row to its last turn; two
+    of these are `least_leg_m` apart."""
     if not altitude_m.size:
         return []
-    least = max(LEG_SHARE * float(np.ptp(altitude_m)), least_m)
+    least = least_leg_m(altitude_m, least_m)
     turns = [0]
     extreme, way = 0, 0  # last extreme, and which way the track goes since
     heights = altitude_m.tolist()

@@ -73,11 +73,11 @@ def checked(name: str, flight: Flight) -> tuple[Flight, list[str]]:
     """
     from shockrig.analysis.flight.correct import in_order
     from shockrig.analysis.flight.doubts import doubts, in_air, slips
-    from shockrig.analysis.flight.late_rows import by_time
+    from shockrig.analysis.flight.late_rows import taken_by_time
     from shockrig.analysis.flight.screen import code_notes, without_codes
 
-    order, late = by_time(flight.time_s)
-    flight, codes = without_codes(flight if order is None else flight.at(order))
+    flight, _, late = taken_by_time(flight)
+    flight, codes = without_codes(flight)
     said = [*late, *code_notes(codes)]
     try:
         part, rows, steps = in_order(flight)

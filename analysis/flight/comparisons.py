@@ -367,7 +367,7 @@ def _layered(
     height = _height(flight)
     if height is None:
         return None
-    ways = [_longest(flight.time_s, height, sign) for sign in (1.0, -1.0)]
+    ways = _longest_ways(flight.time_s, height)
     count = min(MOST_LAYERS, *(way.size // ROWS_A_LAYER for way in ways))
     if count < FEWEST_LAYERS:
         return None
@@ -556,23 +556,28 @@ def _stated(channel: FlightChannel) -> float:
     return float(np.sqrt(np.sum(channel.common[known] ** 2) / lag)) if lag > 0 else 0.0
 
 
-def _longest(time_s: Array, height: Array, sign: float) -> NDArray[np.int64]:
-    """The rows of the longest way up (or down) at which the carrier goes on; none where its height may have wandered as
-    far in that time, by itself."""
+def _longest_ways(time_s: Array, height: Array) -> list[NDArray[np.int64]]:
+    """The rows of the longest way up, and of the longest way down, at which the carrier goes on; none where its height
+    may have wandered as far in that time, by itself."""
     period = typical_period(time_s)
     width = max(round(SPEED_OVER_S / period), 1)
     smooth = uniform_filter1d(height, width, mode="nearest")
     step = np.maximum(np.diff(time_s, prepend=time_s[0] - period), 1e-9)
-    gone = np.maximum(sign * np.diff(smooth, prepend=smooth[0]), 0.0)
-    first, last = max(legs(smooth), key=lambda leg: sign * (smooth[leg[1]] - smooth[leg[0]]), default=(0, 0))
-    leg = slice(first, last + 1)
-    if (metres := float(gone[leg].sum())) == 0.0:
-        return np.zeros(0, dtype=np.int64)
-    # over metres, and not over time: how long it stays anywhere says nothing of its pace
-    pace = float(np.sum(gone[leg] ** 2 / step[leg])) / metres
-    rows = first + np.flatnonzero(gone[leg] > GOING_SHARE * pace * step[leg])
-    clearly = CLEARLY_FARTHER * WANDERS_M_S * float(step[rows].sum())
-    return rows if sign * (smooth[last] - smooth[first]) > clearly else rows[:0]
+    rise, between = np.diff(smooth, prepend=smooth[0]), legs(smooth)
+
+    def longest(sign: float) -> NDArray[np.int64]:
+        first, last = max(between, key=lambda leg: sign * (smooth[leg[1]] - smooth[leg[0]]), default=(0, 0))
+        leg = slice(first, last + 1)
+        gone, lasting = np.maximum(sign * rise[leg], 0.0), step[leg]
+        if (metres := float(gone.sum())) == 0.0:
+            return np.zeros(0, dtype=np.int64)
+        # over metres, and not over time: how long it stays anywhere says nothing of its pace
+        pace = float(np.sum(gone**2 / lasting)) / metres
+        rows = first + np.flatnonzero(gone > GOING_SHARE * pace * lasting)
+        clearly = CLEARLY_FARTHER * WANDERS_M_S * float(step[rows].sum())
+        return rows if sign * (smooth[last] - smooth[first]) > clearly else rows[:0]
+
+    return [longest(sign) for sign in (1.0, -1.0)]
 
 
 def _layers(height: Array, values: Array, edges: Array) -> Array:

@@ -31,7 +31,7 @@ from shockrig.analysis.flight.flight_channel import (
 )
 from shockrig.analysis.flight.humidity_channel import correct_humidity, felt_by_film
 from shockrig.analysis.flight.inverse import exact_inverse, paper
-from shockrig.analysis.flight.late_rows import by_time
+from shockrig.analysis.flight.late_rows import taken_by_time
 from shockrig.analysis.flight.response import bead_response, unsure_of_airspeed
 from shockrig.analysis.flight.screen import DEGF, EXCHANGED, UNSURE, Screened, code_notes, screen, without_codes
 from shockrig.analysis.flight.screen import clock as put_in_order
@@ -130,8 +130,8 @@ def correct(
     noise = temperature_noise_k, humidity_noise_percent
     if method == "causal":
         return correct_read(flight, (), profile, method, cutoff_hz, *noise, lag_s)
-    order, said = by_time(flight.time_s)
-    read, codes = of_both_columns(flight if order is None else flight.at(order), profile)
+    by_time, order, said = taken_by_time(flight)
+    read, codes = of_both_columns(by_time, profile)
     said = [*said, *code_notes(codes)]
     found = correct_read(read, said, profile, method, cutoff_hz, *noise, lag_s, codes.get(UNSURE))
     return found if order is None else found.at(np.argsort(order))

@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.files.flight import Flight
+
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 NEAR = 0.5  # of the usual time between rows: a row that is nearer to another fills no hole
@@ -23,6 +25,12 @@ UNSURE_ORDER = (
     "time_s: rows go back in time in many places, and nothing tells whether they are out of order or the clock was "
     "set: if they are, sort the log by its times"
 )
+
+
+def taken_by_time(flight: Flight) -> tuple[Flight, Index | None, list[str]]:
+    """A flight with its rows in the order of their times, that order (n,) where some came late, and what is said."""
+    order, said = by_time(flight.time_s)
+    return flight if order is None else flight.at(order), order, said
 
 
 def by_time(time_s: Array) -> tuple[Index | None, list[str]]:

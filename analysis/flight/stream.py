@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.flight.correct import correct_read, of_both_columns
 from shockrig.analysis.flight.flight_channel import REMEMBERED_LAGS
-from shockrig.analysis.flight.late_rows import by_time
+from shockrig.analysis.flight.late_rows import taken_by_time
 from shockrig.analysis.flight.response import bead_response, film_response
 from shockrig.analysis.flight.screen import UNSURE, code_notes
 from shockrig.analysis.flight.smooth_channel import typical_period
@@ -75,8 +75,8 @@ def correct_file(
     writer = _writer(target, layout, history)
     try:
         for rows, before, after, logged in _with_margins(source, layout, block_rows, _remembered_s(profile)):
-            order, late = (None, []) if method == "causal" else by_time(logged.time_s)
-            flight, codes = of_both_columns(logged if order is None else logged.at(order), profile)
+            by_time, order, late = (logged, None, []) if method == "causal" else taken_by_time(logged)
+            flight, codes = of_both_columns(by_time, profile)
             noise, unsure = (temperature_noise_k, humidity_noise_percent), codes.get(UNSURE)
             found = correct_read(flight, late, profile, method, cutoff_hz, *noise, lag_s, unsure)
             own: slice | NDArray[np.int64] = slice(before, flight.time_s.size - after)

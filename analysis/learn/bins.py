@@ -13,7 +13,7 @@ from shockrig.analysis.effects.of_flight import airflow_m_s
 from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
 from shockrig.analysis.flight.undo_readout import coarse_track, vertical_speed
 from shockrig.files.flight import Flight
-from shockrig.files.legs import LEG_SHARE, legs
+from shockrig.files.legs import least_leg_m, legs
 from shockrig.files.ranges import RANGES
 
 Array = NDArray[np.float64]
@@ -21,7 +21,6 @@ Mask = NDArray[np.bool_]
 
 REFERENCE_TEMPERATURE_C = 20.0  # of a usual day, and at which laws of temperature are stated
 CHANNELS = ("temperature", "humidity")
-USUAL_LAG_S = {"temperature": 4.0, "humidity": 8.0}  # that flights which say nothing leave possible
 SUB_SAMPLES = 4  # of the track in a bin, over which what the air adds is averaged
 GROUND_SHARE = 0.03  # of the range of altitudes: what is nearer to the ground is not flown, satellite heights wander
 LEAST_PASS_M = 20.0  # that a pass covers at least
@@ -254,8 +253,7 @@ def least_pass_m(track_s: Array, track_m: Array) -> float:
 
 def passes(altitude_m: Array, time_s: Array, least_m: float = LEAST_PASS_M) -> tuple[Pass, ...]:
     """The ways up and down of a track, between turns that are a share of its range of altitudes apart."""
-    least = max(LEG_SHARE * float(np.ptp(altitude_m)), least_m)
-    found = []
+    least, found = least_leg_m(altitude_m, least_m), []
     for first, last in legs(altitude_m, least_m):
         rise = altitude_m[last] - altitude_m[first]
         if abs(rise) >= least and last > first:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.predictive import weights
-from shockrig.analysis.learn.bins import CHANNELS, USUAL_LAG_S, FlightBins, binned, why_nothing
+from shockrig.analysis.learn.bins import CHANNELS, FlightBins, binned, why_nothing
 from shockrig.analysis.learn.density import FlightChannelData, prepared
 from shockrig.analysis.learn.flights_fit import (
     Learned,
@@ -41,6 +41,7 @@ FAR_BEHIND_NATS = 5.0  # on the flights of the race: what is so far behind there
 NAMED_FROM = 0.95  # probability from which a law is named
 POSSIBLE_FROM = 0.1  # probability from which it stands among what may be
 LAW_LOG_PRIOR = -2.5  # nats that a law beyond a lag has to gain
+USUAL_LAG_S = {"temperature": 4.0, "humidity": 8.0}  # that flights which say nothing leave possible
 UNLIKE_SPEEDS = 1.5  # ratio of the speeds of passes from which they are more than one
 
 # What is fitted to each channel beside nothing and one lag: names of its laws, with the first of which others begin.
@@ -431,7 +432,7 @@ def judged(
     fit = part_of(models[best])
     if verdict in ("named", "tied") and causes and all(cause.law.lags is not None for cause in causes):
         # What a lag does is seen by passes; that readings are smooth, or how two sensors differ, tells none of both.
-        if all(_within(least_s, cause) for cause in causes):
+        if all(_slowest_s(cause) < least_s for cause in causes):
             verdict, why = "not identifiable", f"where these flights show one, they tell times to {least_s:.2g} s alone"
         elif verdict == "named" and len(used) > 1 and off[id(fit)].spread >= read.where(off[id(fit)]).spread:
             verdict, why = "not identifiable", "what fits best brings passes of flights that were not fitted no nearer"
@@ -450,10 +451,9 @@ def judged(
     )  # fmt: skip
 
 
-def _within(time_s: float, cause: FlightCause) -> bool:
-    """Whether a cause is a lag whose time constants are all within a time."""
-    taus = [one.value for one in cause.parameters if one.name.endswith("time_constant_s")]
-    return cause.law.lags is not None and max(taus) < time_s
+def _slowest_s(lag: FlightCause) -> float:
+    """The largest of a lag's time constants."""
+    return max(one.value for one in lag.parameters if one.name.endswith("time_constant_s"))
 
 
 def _why_open(used: Sequence[FlightBins], units: Sequence[FlightChannelData]) -> str:

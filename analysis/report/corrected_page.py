@@ -216,11 +216,11 @@ def _key_numbers(rows: Flight, found: Corrected, flight: FlightGathered) -> list
 
 def _ways(rows: Flight, found: Corrected) -> list[list[Cell]]:
     """RMS difference of ascent and descent in the layers that both passed, as read and corrected."""
-    table: list[list[Cell]] = []
+    table, flown = list[list[Cell]](), in_air(rows)
     air_c = bridged(rows.time_s, np.where(np.isfinite(found.temperature_c), found.temperature_c, rows.temperature_c))
     for one in channels_of(rows, found):
         of_air = None if one.name == "temperature" else air_c
-        if (both := ways_apart(in_air(rows), (one.reading, one.value), of_air)) is not None:
+        if (both := ways_apart(flown, (one.reading, one.value), of_air)) is not None:
             apart = [f"{plain(size, 2)} {one.unit}" for size in both.rms]
             table.append([one.name, *apart, both.layers, f"{both.low_m:.0f} to {both.high_m:.0f}"])
     return table

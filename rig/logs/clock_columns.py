@@ -28,6 +28,7 @@ _COUNTERS = {
     "readings", "packet", "packets", "frame", "frames", "count", "counts", "counter", "number", "num", "no", "nr", "n",
     "index", "idx", "id", "seq", "sequence",
 }  # fmt: skip
+_READ = {name for quantity, names in NAMES.items() if quantity != "time" for name in names}
 
 
 def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequence[str]) -> TimeColumns | None:
@@ -71,8 +72,7 @@ def _is_other(name: str, unit: str | None) -> bool:
         return False
     if re.search(r"[\[(]", name):  # a unit, that is none of time
         return True
-    read = {one for quantity, known in NAMES.items() if quantity != "time" for one in known}
-    return bool(counters([name])) or squeeze(bare_name(name)) in read or quantity_of(name, unit) is not None
+    return bool(counters([name])) or squeeze(bare_name(name)) in _READ or quantity_of(name, unit) is not None
 
 
 def guess_format(cells: Sequence[str]) -> tuple[str | None, str]:
@@ -127,10 +127,8 @@ def _counted(name: str, cells: Sequence[str], unit: str | None, named: bool) -> 
     steps = np.diff(values)
     if not (steps >= 0).mean() > 0.95 or values[-1] <= values[0] or (not named and not (steps > 0).mean() > 0.95):
         return None
-    if (
-        not named and (steps < 0).any() and values.min() >= 0 and values.max() < 60
-    ):  # seconds of a minute that another column has
-        return None
+    if not named and (steps < 0).any() and values.min() >= 0 and values.max() < 60:
+        return None  # seconds of a minute that another column has
     for epoch_unit, (low, high) in EPOCH.items():
         if low < np.median(values) < high:
             return TimeColumns((name,), NUMBERS, epoch_unit, since_1970=True)

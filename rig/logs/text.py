@@ -27,9 +27,8 @@ SEPARATORS = {"tab": "\t", "semicolon": ";", "comma": ",", "bar": "|", "space": 
 COMMENTS = ("#", "//", "%", "!", "*")
 NO_NUMBER = (*NO_VALUE_WORDS, "nan", "nil", "inf", "-inf", "+inf", "err", "error", "ol")
 BEHIND = re.compile(r"[,;]+(?=\s|$)")  # "17:58:47 22.4, 50.1": blanks part the cells, and commas stand behind some
-LISTED = re.compile(
-    r"\W*(?:name|field|column|channel)\s*\d+\s*[:=]\s*(?:\S+: )?(.+?)\s*$", re.I
-)  # "# name 0 = t: Time [s]"
+# "# name 0 = t: Time [s]"
+LISTED = re.compile(r"\W*(?:name|field|column|channel)\s*\d+\s*[:=]\s*(?:\S+: )?(.+?)\s*$", re.I)
 SAMPLE_LINES = 200
 PROCESSING = {"", "ts", "rn", "smp", "avg", "max", "min", "std", "tot", "med"}  # under names, of Campbell's loggers
 
