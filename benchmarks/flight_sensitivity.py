@@ -16,6 +16,7 @@ import importlib
 import sys
 import warnings
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -64,6 +65,7 @@ FLOWN = ("convective", "door, in and out", "missing samples", "absurd samples", 
 DAMAGED = {name: [name] for name in ("swapped", "fahrenheit", "burst", "coarse", "gaps", "stuck", "clipped")}
 DAMAGED["stuck among steps"] = ["stuck", "coarse"]
 DAMAGED["columns"] = ["swapped", "fahrenheit", "gaps", "sentinel_block"]
+LATE, EVERY, BY_ROWS = "late packets", 9, 4  # of the rows every so many come as many rows late
 LAG_S = 2.0
 
 
@@ -72,7 +74,7 @@ class Changed:
 
     def __init__(self, name: str, factor: float) -> None:
         where, self.name = name.rsplit(".", 1)
-        owner = importlib.import_module(f"shockrig.analysis.flight.{where}")
+        owner = importlib.import_module(f"shockrig.{where if '.' in where else 'analysis.flight.' + where}")
         self.own = getattr(owner, self.name)
         kind = type(self.own)
         if kind is tuple:
@@ -80,7 +82,7 @@ class Changed:
         else:
             value = kind(self.own * factor)
             self.value = value | 1 if kind is int else value  # a median's width is odd
-        users = [one for title, one in sys.modules.items() if title.startswith("shockrig.analysis.flight.")]
+        users = [one for title, one in sys.modules.items() if title.startswith("shockrig.")]
         self.users = [one for one in users if getattr(one, self.name, None) is self.own]
 
     def _set(self, value: object) -> None:
@@ -97,8 +99,14 @@ class Changed:
 
 def flown(kind: str, seed: int, method: str) -> list[dict]:
     """Both channels of a flight of flight_harm.py."""
-    world = KINDS[kind](np.random.default_rng([seed, zlib.crc32(kind.encode())]))
+    world = KINDS["up and down" if kind == LATE else kind](np.random.default_rng([seed, zlib.crc32(kind.encode())]))
     flight = fly(world, seed)
+    if kind == LATE:
+        rows = np.arange(flight.log["time_s"].size)
+        order = np.argsort(rows + np.where(rows % EVERY == 0, BY_ROWS + 0.5, 0.0))
+        flight = replace(flight, **{
+            name: {key: values[order] for key, values in getattr(flight, name).items()} for name in ("log", "truth")
+        })  # fmt: skip
     log = flight.log
     unknown = np.full(log["time_s"].size, np.nan)
     columns = (log["time_s"], log["temperature_c"], log["humidity_percent"], unknown, unknown, unknown)
@@ -140,7 +148,7 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--numbers", nargs="+", default=[*SMOOTHER, *CAUSAL])
-    parser.add_argument("--kinds", nargs="+", default=[*FLOWN, *DAMAGED], choices=[*KINDS, *DAMAGED])
+    parser.add_argument("--kinds", nargs="+", default=[*FLOWN, *DAMAGED], choices=[*KINDS, LATE, *DAMAGED])
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
     warnings.simplefilter("ignore")
