@@ -141,7 +141,7 @@ def fresh_run_errors(outcome: Outcome, campaign: str | Path, channel: str) -> tu
     """The same as mean squares of each run of that campaign (R,); NaN for those that a diagnosis leaves out."""
     import numpy as np
 
-    from shockrig.analysis.diagnose.gain import plainly, run_errors
+    from shockrig.analysis.diagnose.placing import plainly, run_errors
     from shockrig.analysis.diagnose.prepare import prepare
     from shockrig.analysis.estimate.gather import build_channel
     from shockrig.files.campaign import read_campaign

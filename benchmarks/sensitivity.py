@@ -97,7 +97,7 @@ MEANS = [f"level:{name}" for name in ("average_gain", "average_unlikely", "hidde
 NUMBERS_OF = {
     "hidden": [f"level:{name}" for name in THRESHOLDS],
     "logger": MEANS,
-    "untimed": ["diagnose.gain.STARTS_TRIED"],
+    "untimed": ["diagnose.placing.STARTS_TRIED"],
     "grown": [
         "design.evidence.FALSE_ALARMS",
         *(f"plan.judged.{n}" for n in ("FEWEST_JUDGED", "MORE_RUNS", "MOST_TIED")),

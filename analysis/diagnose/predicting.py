@@ -8,8 +8,9 @@ import numpy as np
 
 from shockrig.analysis.characterize.shifts import widened
 from shockrig.analysis.diagnose.diagnosed import Predicting
-from shockrig.analysis.diagnose.gain import LEAST_SQUARE, as_judged, carried, run_errors, squares_of_bins
+from shockrig.analysis.diagnose.placing import run_errors
 from shockrig.analysis.diagnose.prepare import Prepared
+from shockrig.analysis.diagnose.refitting import LEAST_SQUARE, as_judged, carried, squares_of_bins
 from shockrig.analysis.diagnose.search import SIMPLE, Rated, Search
 from shockrig.analysis.diagnose.stated_effects import causes_in, forms_in
 from shockrig.analysis.effects.described import drifts, is_described

@@ -9,13 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.effect import Effect
+from shockrig.analysis.estimate.effect import TINY_STRENGTH, Effect
 from shockrig.analysis.estimate.fit import MOST_STEPS, Fit, fit, objective_at
 from shockrig.analysis.estimate.fit_starts import open_starts, plainly_wrong, rough_point, unstuck
 from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.estimate.problem import Problem
+from shockrig.analysis.estimate.quantity import RunEffect
 
 Array = NDArray[np.float64]
+
+ALIKE = 1e-7  # scatter of ln rate that is none
+LEAST_SQUARE = 1e-30  # mean square that may be divided by
 
 
 def refit(problem: Problem, structure: Structure, near: Fit, iterations: int = MOST_STEPS) -> Fit:
@@ -64,3 +68,48 @@ def plain_fit(problem: Problem, structure: Structure = PLAIN) -> Fit:
 def begun_anew(problem: Problem, near: Fit) -> Array:
     """Deviations to begin from: none, but for the starts that nobody recorded, which stay where they were found."""
     return np.where(open_starts(problem), near.deviations, 0.0)
+
+
+def as_judged(problem: Problem, found: Fit) -> Fit | None:
+    """A model's parameters as they are judged where it predicts: fitted at one rate for all runs, each reading counting
+    alike, and each run. None for a fit that led to no number.
+
+    A fit knows of nothing that a model is wrong by. Where that is more than the noise, runs take rates of their own,
+    however little these may scatter, which no other run has; and readings that noise says less of count for more.
+    """
+    channel, structure = problem.channel, found.structure
+    readings = channel.count.sum(axis=1, keepdims=True)
+    alike = problem.with_rate_scatter(ALIKE).with_strength_scatter(TINY_STRENGTH)
+    deviations = found.deviations.copy()
+    deviations[:, [RunEffect.RATE, RunEffect.STRENGTH]] = 0.0
+
+    def beside(left_by: Fit) -> Problem | None:
+        """The problem whose noise is what a fit leaves; None where that is no number."""
+        square = float(squares_of_bins(channel, left_by.residual).mean())
+        if not np.isfinite(square):
+            return None
+        share = channel.count * readings.mean() / np.maximum(readings, 1)
+        return alike.with_weights(np.sqrt(share / max(square, LEAST_SQUARE)))
+
+    def best_from(part: Problem, *begins: Point) -> Fit:
+        ends = [fit(part, structure, at.theta, at.deviations, 40, adapt_scatter=False) for at in begins]
+        return min(ends, key=lambda f: f.objective)
+
+    if (part := beside(found)) is None:
+        return None
+    first = best_from(part, Point(found.theta, deviations), rough_point(part, structure, found.choice))
+    # Priors of starts and airs bind by what is left at the end, and not by what the search's fit left.
+    return None if (part := beside(first)) is None else best_from(part, first.point)
+
+
+def carried(problem: Problem, found: Fit, judged: Fit) -> Fit:
+    """A model with parameters that were fitted as they are judged, as a fit to the problem: its runs' deviations, and
+    its uncertainties, are those under the scatters that the search found."""
+    own = found.on_its_scatters(problem)
+    held = fit(own, found.structure, judged.theta, found.deviations, adapt_scatter=False, hold_theta=True)
+    return fit(own, found.structure, judged.theta, held.deviations, 0, adapt_scatter=False)
+
+
+def squares_of_bins(channel: Channel, left: Array) -> Array:
+    """Mean square [unit^2] of what is left of each run's bins (R, n), each by its readings (R,)."""
+    return np.asarray((channel.count * left**2).sum(axis=1) / np.maximum(channel.count.sum(axis=1), 1))

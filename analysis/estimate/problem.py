@@ -170,6 +170,10 @@ class Problem:
         new.__dict__.update({name: self.__dict__[name] for name in ("_weights", "_blocks") if name in self.__dict__})
         return new
 
+    def with_weights(self, weight: Array) -> Problem:
+        """With independent errors of its bins (R, n), of these weights."""
+        return replace(self, whitener=weight[:, :, None] * np.eye(weight.shape[1]))
+
     @cached_property
     def _weights(self) -> Array | None:
         """The whitener's diagonal (R, n), where it has nothing else."""

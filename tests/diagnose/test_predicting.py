@@ -8,7 +8,7 @@ from small_worlds import record as record_small
 from shockrig.analysis.diagnose import diagnose, predicting
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.extended import extended_result
-from shockrig.analysis.diagnose.gain import plainly, run_errors
+from shockrig.analysis.diagnose.placing import plainly, run_errors
 from shockrig.analysis.diagnose.prepare import prepare
 from shockrig.analysis.diagnose.search import Race, search
 from shockrig.analysis.diagnose.thresholds import THRESHOLDS, DiagnosisThreshold

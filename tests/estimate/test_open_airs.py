@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shockrig.analysis.diagnose.gain import as_judged, run_errors
 from shockrig.analysis.diagnose.open_questions import cannot_tell
+from shockrig.analysis.diagnose.placing import run_errors
 from shockrig.analysis.diagnose.prepare import prepare, with_rounding
-from shockrig.analysis.diagnose.refitting import plain_fit, refit
+from shockrig.analysis.diagnose.refitting import as_judged, plain_fit, refit
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import AIRS, fit, objective_at, with_airs
