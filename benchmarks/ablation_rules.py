@@ -71,7 +71,7 @@ def level(name: str, value: float, does: str) -> Rule:
     return Rule(name, does, {f"level:{name}": value})
 
 
-S, C, G, D = "diagnose.search.", "diagnose.candidates.", "diagnose.gain.", "diagnose.diagnose."
+S, C, G, D = "diagnose.race.", "diagnose.candidates.", "diagnose.gain.", "diagnose.diagnose."
 A, R, N, E = "diagnose.adequacy.", "diagnose.refitting.", "estimate.noise.", "estimate."
 
 RULES = (

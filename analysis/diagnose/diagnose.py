@@ -20,11 +20,12 @@ from shockrig.analysis.diagnose.diagnosed import NO_STEP, ChannelDiagnosis, Diag
 from shockrig.analysis.diagnose.experiments import propose, unseen
 from shockrig.analysis.diagnose.gain import Gain, HeldOutPart, held_out_parts, measure_gain
 from shockrig.analysis.diagnose.open_questions import cannot_tell, left_open, mostly_unsettled
+from shockrig.analysis.diagnose.pool import Search
 from shockrig.analysis.diagnose.predicting import outdone, predicting_model
 from shockrig.analysis.diagnose.prepare import Prepared, likelier_average, prepare, with_rounding
 from shockrig.analysis.diagnose.remainder import Tolerance, describe, measure_remainder
 from shockrig.analysis.diagnose.restless import bursts, without_hums
-from shockrig.analysis.diagnose.search import Earlier, Search, first_look, search
+from shockrig.analysis.diagnose.search import Earlier, first_look, search
 from shockrig.analysis.diagnose.stated_effects import causes_in, forms_in, tried_beside
 from shockrig.analysis.diagnose.verdict import Standing, verdict
 from shockrig.analysis.effects import CATALOGUE

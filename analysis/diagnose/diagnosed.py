@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from shockrig.analysis.design.evidence import Explanation, explained_by
 from shockrig.analysis.diagnose.adequacy import Adequacy
 from shockrig.analysis.diagnose.gain import Gain
-from shockrig.analysis.diagnose.search import Rated, Search
+from shockrig.analysis.diagnose.pool import Rated, Search
 from shockrig.analysis.effects import in_channel
 from shockrig.analysis.estimate.fit import Fit
 from shockrig.analysis.estimate.noise import Noise

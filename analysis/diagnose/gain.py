@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from shockrig.analysis.diagnose.placing import held_out_residuals, mean_squares, plainly
-from shockrig.analysis.diagnose.search import Rated
+from shockrig.analysis.diagnose.pool import Rated
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import Fit, fit, linearise
 from shockrig.analysis.estimate.model import Model, Point, Structure

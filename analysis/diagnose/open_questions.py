@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from shockrig.analysis.design.varied import VARIED_RATIO
-from shockrig.analysis.diagnose.search import Search
+from shockrig.analysis.diagnose.pool import Search
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import Fit

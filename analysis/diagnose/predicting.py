@@ -9,10 +9,11 @@ import numpy as np
 from shockrig.analysis.characterize.shifts import widened
 from shockrig.analysis.diagnose.diagnosed import Predicting
 from shockrig.analysis.diagnose.placing import run_errors
+from shockrig.analysis.diagnose.pool import Rated, Search
 from shockrig.analysis.diagnose.prepare import Prepared
 from shockrig.analysis.diagnose.refitting import LEAST_SQUARE, as_judged, carried, squares_of_bins
-from shockrig.analysis.diagnose.search import SIMPLE, Rated, Search
 from shockrig.analysis.diagnose.stated_effects import causes_in, forms_in
+from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.described import drifts, is_described
 from shockrig.analysis.effects.forms import form_of
 from shockrig.analysis.estimate.channel import Channel
@@ -21,6 +22,8 @@ from shockrig.analysis.estimate.predictive import BUMP_COUNT, bumps, no_surer, s
 from shockrig.analysis.estimate.problem import Problem
 from shockrig.files.diagnosis_data import Discovered
 
+# What one would fit without a catalogue.
+SIMPLE = frozenset(effect.id for effect in CATALOGUE.values() if effect.candidacy.simple)
 MOST_PREDICTING = 12  # models of each of two orders that are tried beside the stated and the plain one
 # Nats that are not worth more than a bare mention (Kass and Raftery 1995, doi 10.1080/01621459.1995.10476572): models
 # that far apart predict alike.

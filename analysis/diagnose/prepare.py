@@ -8,8 +8,8 @@ import numpy as np
 
 from shockrig.analysis.diagnose.candidates import log_prior
 from shockrig.analysis.diagnose.grammar import seen_over
+from shockrig.analysis.diagnose.pool import Search
 from shockrig.analysis.diagnose.refitting import refit
-from shockrig.analysis.diagnose.search import Search
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.described import described, discovered_of

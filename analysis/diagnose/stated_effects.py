@@ -12,8 +12,8 @@ import numpy as np
 from shockrig.analysis.diagnose.candidates import at_bound
 from shockrig.analysis.diagnose.diagnosed import Cause
 from shockrig.analysis.diagnose.grammar import scaling_factors, seen_over
+from shockrig.analysis.diagnose.pool import Rated, Search
 from shockrig.analysis.diagnose.prepare import Prepared
-from shockrig.analysis.diagnose.search import Rated, Search
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.described import described, discovered_of, is_described
 from shockrig.analysis.effects.forms import form_of

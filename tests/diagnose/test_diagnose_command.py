@@ -20,8 +20,8 @@ import pytest
 from processes import ended, heard, in_background
 
 from shockrig.analysis.characterize.part_fit import read_extension
-from shockrig.analysis.diagnose import search as searching
 from shockrig.analysis.diagnose.diagnosed import NO_STEP
+from shockrig.analysis.diagnose.race import MOST_FITS
 from shockrig.files.campaign import read_campaign
 from shockrig.files.numbers import measured
 from shockrig.files.profile import read_profile
@@ -121,7 +121,7 @@ def test_an_earlier_diagnosis_of_the_same_campaign_alone_is_taken(film, tmp_path
     assert main(["diagnose", str(bead), "--out", str(second), "--from", str(first)]) == 0
     a, b = (load(folder, "diagnosis.json")["channels"]["temperature"] for folder in (first, second))
     assert [c["effect"] for c in a["causes"]] == [c["effect"] for c in b["causes"]] == ["convective_film"]
-    assert all(0 < one["work"]["fits"] < searching.MOST_FITS and not one["work"]["ended_early"] for one in (a, b))
+    assert all(0 < one["work"]["fits"] < MOST_FITS and not one["work"]["ended_early"] for one in (a, b))
     other = load(first, "diagnosis.json") | {"campaign": "another"}
     (tmp_path / "other.json").write_text(json.dumps(other))
     capsys.readouterr()

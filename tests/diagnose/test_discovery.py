@@ -14,9 +14,10 @@ from shockrig.analysis.characterize.part_fit import extension_of
 from shockrig.analysis.diagnose.candidates import bare_forms, candidates, says_nothing
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.grammar import forms
+from shockrig.analysis.diagnose.race import Race
 from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.diagnose.remainder import Tolerance
-from shockrig.analysis.diagnose.search import Race, search
+from shockrig.analysis.diagnose.search import search
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.described import described, discovered_of, entry_of, is_described, stated_values
 from shockrig.analysis.effects.forms import ONLY_BEFORE, ONLY_FROM, SCATTER, SPREAD, Form, form_of, scaling

@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 from small_worlds import small_plan
 
-from shockrig.analysis.diagnose import search as searching
+from shockrig.analysis.diagnose import race as racing
 from shockrig.analysis.diagnose.open_questions import left_open
 from shockrig.analysis.diagnose.prepare import prepare
+from shockrig.analysis.diagnose.search import search
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.batch import simulate_campaign
@@ -30,7 +31,7 @@ def ready(campaign):
 
 @pytest.fixture(scope="module")
 def cold(ready):
-    return searching.search(ready.problem, ready.structure, describing=False)
+    return search(ready.problem, ready.structure, describing=False)
 
 
 @pytest.mark.parametrize(
@@ -45,7 +46,7 @@ def cold(ready):
     ],
 )
 def test_the_search_ends_with_the_same_model_wherever_it_begins(ready, cold, earlier):
-    warm = searching.search(ready.problem, ready.structure, earlier, describing=False)
+    warm = search(ready.problem, ready.structure, earlier, describing=False)
     assert warm.best.ids == cold.best.ids == {"stem_conduction"}
     assert warm.best.value == pytest.approx(cold.best.value, abs=0.1)
     assert warm.best.fit.values()["stem_conduction"]["fraction"][0] == pytest.approx(0.04, rel=0.05)
@@ -55,8 +56,8 @@ def test_the_search_ends_with_the_same_model_wherever_it_begins(ready, cold, ear
 @pytest.mark.parametrize("limit", [1, 20])
 def test_a_search_has_an_end(ready, cold, monkeypatch, limit):
     """With fewer fits than it needs it says so, and what it has reached by then is weighed."""
-    monkeypatch.setattr(searching, "MOST_FITS", limit)
-    found = searching.search(ready.problem, ready.structure, describing=False)
+    monkeypatch.setattr(racing, "MOST_FITS", limit)
+    found = search(ready.problem, ready.structure, describing=False)
     # One step is made in any case, and one more begins below the limit.
     assert limit <= found.fits < min(limit + 120, cold.fits)
     assert found.weights.sum() == pytest.approx(1.0) and found.best is found.pool[0]
@@ -67,7 +68,7 @@ def test_a_search_has_an_end(ready, cold, monkeypatch, limit):
 
 
 def test_a_search_that_ends_by_itself_says_nothing_of_its_limit(cold):
-    assert 0 < cold.fits < searching.MOST_FITS and left_open(cold, cold.best.fit) == ()
+    assert 0 < cold.fits < racing.MOST_FITS and left_open(cold, cold.best.fit) == ()
 
 
 def test_a_search_begun_from_the_end_of_one_at_its_limit_leads_further(tmp_path, monkeypatch):
@@ -79,10 +80,10 @@ def test_a_search_begun_from_the_end_of_one_at_its_limit_leads_further(tmp_path,
     ]
     campaign = simulate_campaign(draw_truth(rng, effects=hidden), small_plan(), rng, tmp_path / "campaign")
     ready = prepare(build_channel(read_campaign(campaign), "temperature"))
-    monkeypatch.setattr(searching, "MOST_FITS", 40)
-    first = searching.search(ready.problem, ready.structure, describing=False)
+    monkeypatch.setattr(racing, "MOST_FITS", 40)
+    first = search(ready.problem, ready.structure, describing=False)
     assert first.ended_early and first.best.ids == {"finite_transfer"}
     named = {id_: {name: value for name, (value, _) in own.items()} for id_, own in first.best.fit.values().items()}
-    further = searching.search(ready.problem, ready.structure, named, describing=False)
+    further = search(ready.problem, ready.structure, named, describing=False)
     assert further.best.ids == {"stem_conduction", "finite_transfer"}
     assert further.best.value > first.best.value + 100.0

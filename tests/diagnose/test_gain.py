@@ -7,9 +7,9 @@ import pytest
 from small_worlds import record, small_plan
 
 from shockrig.analysis.diagnose.gain import held_out_parts, measure_gain
+from shockrig.analysis.diagnose.pool import Rated
 from shockrig.analysis.diagnose.prepare import prepare
 from shockrig.analysis.diagnose.refitting import plain_fit, refit
-from shockrig.analysis.diagnose.search import Rated
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import PLAIN

@@ -10,7 +10,8 @@ from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.extended import extended_result
 from shockrig.analysis.diagnose.placing import plainly, run_errors
 from shockrig.analysis.diagnose.prepare import prepare
-from shockrig.analysis.diagnose.search import Race, search
+from shockrig.analysis.diagnose.race import Race
+from shockrig.analysis.diagnose.search import search
 from shockrig.analysis.diagnose.thresholds import THRESHOLDS, DiagnosisThreshold
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.report.diagnosis_words import predicting_sentence

@@ -9,8 +9,8 @@ from small_worlds import record
 from shockrig.analysis.diagnose.candidates import candidates
 from shockrig.analysis.diagnose.placing import run_errors
 from shockrig.analysis.diagnose.prepare import prepare
+from shockrig.analysis.diagnose.race import Race
 from shockrig.analysis.diagnose.refitting import as_judged, carried, plain_fit, refit
-from shockrig.analysis.diagnose.search import Race
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.fit import fit
 from shockrig.analysis.estimate.fit_starts import unstuck

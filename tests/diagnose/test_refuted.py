@@ -10,7 +10,7 @@ from foreign_lab import Arrival, Lab, LabLogger, LabRun, Written, make_body, rec
 from shockrig.analysis.diagnose import diagnose
 from shockrig.analysis.diagnose.diagnose import diagnose_channel, refuted
 from shockrig.analysis.diagnose.gain import Gain
-from shockrig.analysis.diagnose.search import Rated, Search
+from shockrig.analysis.diagnose.pool import Rated, Search
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.gather import build_channel
