@@ -88,8 +88,8 @@ def in_order(time_s: Array, values: Mapping[str, Array], lines: Sequence[int] | 
         part, again = _without_repeats(time_s, values, order)
         same += again
         moments, found = _evenly(time_s[part]) if stamps == "auto" else (time_s[part], [])
-        even += found
-        moments, n_spread, part, n_differing = _spread(moments, part, stamps)
+        even += [one for one, _ in found]
+        moments, n_spread, part, n_differing = _spread_beside(moments, part, [those for _, those in found], stamps)
         spread_rows += n_spread
         differing += n_differing
         parts.append(part)
@@ -166,18 +166,30 @@ def _sessions(time_s: Array, rows: Index) -> list[Index]:
 
 
 def _without_repeats(time_s: Array, values: Mapping[str, Array], order: Index) -> tuple[Index, int]:
-    """Rows that repeat stamp and readings of the one before left out."""
+    """Rows that repeat stamp and readings of the one before left out.
+
+    None where rows usually share a stamp and differ in it: it is then coarser than the rows, and a reading that comes
+    again under it is one more reading. What is left would be spread over the stamp as if it had come evenly.
+    """
     moments = time_s[order]
-    same = moments[1:] == moments[:-1]
-    if not same.any():
+    shared = moments[1:] == moments[:-1]
+    if not shared.any():
         return order, 0
+    same = shared.copy()
     for column in values.values():
         ordered = column[order]
         same &= (ordered[1:] == ordered[:-1]) | (np.isnan(ordered[1:]) & np.isnan(ordered[:-1]))
+    if (shared & ~same).any() and _usual_rows(np.unique(moments, return_counts=True)[1]) > 1:
+        return order, 0
     return order[np.concatenate([[True], ~same])], int(same.sum())
 
 
-def _evenly(moments: Array) -> tuple[Array, list[Even]]:
+def _usual_rows(count: Index) -> int:
+    """How many rows a stamp usually has, of those of each; the first and the last one may be cut off."""
+    return int(np.median(count[1:-1])) if count.size > 2 else int(count.max())
+
+
+def _evenly(moments: Array) -> tuple[Array, list[tuple[Even, slice]]]:
     """Times of rows whose stamps are too coarse for how evenly they come: 0, 1, 2, 3, 5 s of rows every 1.14 s.
 
     In each stretch without a hole a straight line through (row, stamp) is taken where no stamp is farther from it than
@@ -201,8 +213,24 @@ def _evenly(moments: Array) -> tuple[Array, list[Even]]:
         line = moments[begin] + first + slope * row
         if np.abs(line - moments[begin:end]).max() <= unit:
             times[begin:end] = line
-            found.append(Even(end - begin, float(slope), unit))
+            found.append((Even(end - begin, float(slope), unit), slice(begin, end)))
     return times, found
+
+
+def _spread_beside(moments: Array, rows: Index, even: Sequence[slice], stamps: str) -> tuple[Array, int, Index, int]:
+    """As `_spread`, of the rows that are in none of the stretches that were taken evenly: what their stamps have of
+    rows says nothing of the others'."""
+    if not even:
+        return _spread(moments, rows, stamps)
+    rest = np.ones(moments.size, dtype=bool)
+    for stretch in even:
+        rest[stretch] = False
+    if not rest.any():
+        return moments, 0, rows, 0
+    spread, n_spread, kept, n_differing = _spread(moments[rest], rows[rest], stamps)
+    times, index = np.concatenate([moments[~rest], spread]), np.concatenate([rows[~rest], kept])
+    order = np.argsort(times, kind="stable")
+    return times[order], n_spread, index[order], n_differing
 
 
 def _spread(moments: Array, rows: Index, stamps: str) -> tuple[Array, int, Index, int]:
@@ -210,7 +238,7 @@ def _spread(moments: Array, rows: Index, stamps: str) -> tuple[Array, int, Index
     if (moments[1:] > moments[:-1]).all():
         return moments, 0, rows, 0
     distinct, first, count = np.unique(moments, return_index=True, return_counts=True)
-    usual = int(np.median(count[1:-1])) if count.size > 2 else int(count.max())
+    usual = _usual_rows(count)
     if stamps == "first" or (stamps == "auto" and usual < 2):
         return distinct, 0, rows[first], moments.size - distinct.size
     steps = np.diff(distinct)

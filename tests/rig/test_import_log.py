@@ -235,6 +235,28 @@ def test_coarse_stamps_are_spread(tmp_path, capsys):
         assert np.diff(one.imet.time_s) == pytest.approx(0.5, abs=1e-6)
 
 
+def test_readings_that_come_again_under_a_coarse_stamp_keep_their_place():
+    """Whole minutes at a reading a second, of a sensor that shows tenths: it rests, and goes in half a minute."""
+    row = np.arange(3600)
+    reading = np.round(20.0 + 5.0 * np.clip((row - 1830) / 30.0, 0.0, 1.0), 1)
+    ordered = in_order(60.0 * (row // 60), {"t": reading}, row + 1, "auto")
+    assert ordered.remarks[0].startswith("3600 rows share coarse stamps")
+    assert ordered.time_s == pytest.approx(row + 0.5)
+    # Rows that are there twice are so under any stamp.
+    twice = in_order(np.repeat(60.0 * row, 2), {"t": np.repeat(reading, 2)}, np.arange(7200) + 1, "auto")
+    assert twice.remarks == ("3600 rows repeat a stamp and its readings and are left out",)
+
+
+def test_a_short_piece_beside_rows_taken_evenly_keeps_its_rows():
+    """Whole seconds of rows every 0.6 s: thirty of them, and after a pause many, which alone are enough for a line."""
+    stamps = np.floor(0.6 * np.arange(30))
+    late = np.floor(200.0 + 0.6 * np.arange(900))
+    time_s = np.concatenate([stamps, late])
+    ordered = in_order(time_s, {"t": 0.01 * np.arange(930.0)}, np.arange(930) + 1, "auto")
+    assert ordered.time_s.size == 930 and (np.diff(ordered.time_s) > 0.0).all()
+    assert np.abs(ordered.time_s - time_s).max() <= 1.0
+
+
 @pytest.mark.parametrize("period_s", [1.141, 2.6, 0.85])
 def test_stamps_too_coarse_for_even_rows_are_taken_evenly(tmp_path, capsys, period_s):
     """Whole seconds of rows that come every 1.141 s (0, 1, 2, 3, 5): times on a line, if not told otherwise."""
