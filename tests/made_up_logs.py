@@ -84,6 +84,12 @@ def date(form, day=DAY):
     return lambda t: (day + timedelta(seconds=float(t))).strftime(form)
 
 
+def unpadded(t):
+    """Date and time of day as a logger writes them that prints numbers as they are: 2026/5/3,4:7:9.250000."""
+    moment = DAY + timedelta(seconds=float(t))
+    return f"{moment:%Y}/{moment.month}/{moment.day},{moment.hour}:{moment.minute}:{moment.second}.{moment:%f}"
+
+
 def plain(header, time=lambda t: f"{t:.2f}", separator=",", decimal=".", value=lambda v: f"{v:.2f}"):
     def row(t, temperature, humidity, n):
         cells = [value(temperature), value(humidity)]
@@ -140,6 +146,13 @@ WAYS = {
     "American": text(plain("Date Time,Temp (°F),RH (%)", date("%m/%d/%y %I:%M:%S.%f %p"))),
     "day before month": text(plain("Date,Temp,RH", date("%d/%m/%Y %H:%M:%S.%f", datetime(2026, 5, 23, tzinfo=UTC)))),
     "date and time in two columns": text(plain("Date,Time,Temp,RH", date("%Y/%m/%d,%H:%M:%S.%f"))),
+    "a date in six columns": text(plain("Year,Month,Day,Hour,Minute,Second,Temp,RH", date("%Y,%m,%d,%H,%M,%S.%f"))),
+    "clocks without zeros in front": text(plain("Date,Time,Temp,RH", unpadded)),
+    "months in letters, between points": text(plain("Date,Time,Temp,RH", date("%d.%b.%Y,%H:%M:%S.%f"))),
+    "names parted by commas above tabs": text(["Time [s],Temp [°C],RH [%]", *plain("", separator="\t")]),
+    "degC and degF": text(
+        lines_of("time_s,Temp (C),Temp (F),rh", lambda t, a, b, n: f"{t:.2f},{a:.2f},{1.8 * a + 32.0:.2f},{b:.2f}")
+    ),
     "time of day, past midnight": text(plain("Time,Temp,RH", date("%H:%M:%S.%f", NIGHT))),
     "tabs and decimal commas": text(plain("t\ttemp\thumidity", separator="\t", decimal=",")),
     "blanks": text(plain("time temp humidity", separator="   ")),

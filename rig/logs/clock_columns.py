@@ -16,13 +16,18 @@ from shockrig.rig.logs.text import NUMBER, unit_in_cells
 
 _DATES = (
     "%Y/%m/%d", "%d/%m/%Y", "%m/%d/%Y", "%d.%m.%Y", "%d-%m-%Y", "%m-%d-%Y", "%d/%m/%y", "%m/%d/%y", "%d.%m.%y",
-    "%Y.%m.%d", "%d-%b-%Y", "%d %b %Y", "%b %d %Y", "%d-%b-%y", "%Y%m%d", "%Y-%m-%d", "%Y_%m_%d",
+    "%Y.%m.%d", "%d-%b-%Y", "%d.%b.%Y", "%d %b %Y", "%b %d %Y", "%d-%b-%y", "%Y%m%d", "%Y-%m-%d", "%Y_%m_%d",
 )  # fmt: skip
 _BETWEEN = (" ", "T", ", ", "-", "_", ",", "")
 _TIMES = (
     "%H:%M:%S.%f", "%H:%M:%S", "%I:%M:%S %p", "%I:%M:%S.%f %p", "%H:%M", "%I:%M %p", "%H.%M.%S", "%H_%M_%S", "%H%M%S",
 )  # fmt: skip
 
+# A date whose parts stand in a column each; a month and a minute may both be called mm, and are then told by capitals.
+_PARTS = {
+    "%Y": ("year", "yyyy"), "%m": ("month", "mon", "MM"), "%d": ("day", "dd"), "%H": ("hour", "hh"),
+    "%M": ("minute", "min", "mm"), "%S": ("second", "sec", "ss"),
+}  # fmt: skip
 _COUNTERS = {
     "#", "scan", "scans", "sample", "samples", "record", "records", "rec", "row", "rows", "line", "lines", "reading",
     "readings", "packet", "packets", "frame", "frames", "count", "counts", "counter", "number", "num", "no", "nr", "n",
@@ -36,6 +41,8 @@ def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequ
     if not rows:
         return None
     columns = {name: [row[k] for row in rows] for k, name in enumerate(names)}
+    if (by_parts := _in_parts(columns)) is not None:
+        return by_parts
     unit_of = {name: unit_in_name(name) or unit_in_name(f"x [{units[k]}]") for k, name in enumerate(names)}
     called = [name for name in names if is_called_time(name)]
     for name in [*called, *names[:3]]:
@@ -57,6 +64,24 @@ def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequ
         if clock is not None:
             return clock
     return None
+
+
+def _in_parts(columns: Mapping[str, Sequence[str]]) -> TimeColumns | None:
+    """A clock whose year, month, day, hour and whatever follows stand in a column each; None where one is not there."""
+
+    def column(called: Sequence[str]) -> str | None:
+        return next((name for name in columns if name.strip("#") in called or name.lower() in called[:2]), None)
+
+    found = {part: column(called) for part, called in _PARTS.items()}
+    there = [(name, part) for part, name in found.items() if name is not None]
+    if None in (found["%Y"], found["%m"], found["%d"], found["%H"]):
+        return None
+    if any(_share(lambda text: NUMBER.fullmatch(text) is not None, columns[name]) < 0.9 for name, _ in there):
+        return None
+    last, part = there[-1]
+    if part == "%S" and _share(lambda text: "." in text, columns[last]) > 0.9:
+        there[-1] = last, "%S.%f"
+    return TimeColumns(tuple(name for name, _ in there), " ".join(part for _, part in there))
 
 
 def counters(names: Iterable[str]) -> list[str]:
@@ -83,7 +108,7 @@ def guess_format(cells: Sequence[str]) -> tuple[str | None, str]:
     some = texts[:: max(1, len(texts) // 40)]
     if _share(_is_iso, some) > 0.9:
         return ISO, ""
-    if _share(lambda text: re.fullmatch(r"\d{1,3}:\d{2}(:\d{2}([.,]\d+)?)?", text) is not None, some) > 0.9:
+    if _share(lambda text: re.fullmatch(r"\d{1,3}:\d{1,2}(:\d{1,2}([.,]\d+)?)?", text) is not None, some) > 0.9:
         return OF_DAY, ""
     every = (day + (between + hour if hour else "") for day, between, hour in product(_DATES, _BETWEEN, (*_TIMES, "")))
     first = some[0]

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from shockrig.files.disk import shown
 from shockrig.rig.bench_errors import BenchError
-from shockrig.rig.logs.clock_columns import counters
+from shockrig.rig.logs.clock_columns import counters, guess_clock
 from shockrig.rig.logs.found import LogStep, steps_of
 from shockrig.rig.logs.guess import Guess, guess_log, likely_reference
 from shockrig.rig.logs.map_file import parse_map
@@ -60,6 +60,12 @@ def look_at(paths: Sequence[Path], map_path: Path, progress: Callable[[str], Non
                 f"{shown(other.path)}: has other columns than {shown(scans[0].path)}; look at each by itself"
             )
     guess = _recognised(scans[0])
+    assert guess.clock is not None
+    for other in scans[1:] if guess.clock.doubt else []:  # whether day or month comes first, another log may tell
+        clock = guess_clock(other.names, other.sample(), other.units)
+        if clock is not None and not clock.doubt and clock.columns == guess.clock.columns:
+            guess = replace(guess, clock=clock)
+            break
     head = _head(scans, guess, map_path)
     text = head + _sensors(guess, {}, None)
     map_ = parse_map(text, map_path)
@@ -91,7 +97,7 @@ def _recognised(first: Scan) -> Guess:
             has += f"; a count of rows is no clock: {', '.join(counting)}"
         if not first.header_line:
             row, width = first.numbers[0], len(first.names)
-            when = f'time = "{guess.clock.columns[0]}"' if guess.clock is not None else CLOCK_LINE
+            when = CLOCK_LINE if guess.clock is None else f"time = {_list(guess.clock.columns)}"
             raise fault(
                 f"{shown(first.path)}: no line of names is found above its first row, line {row}; write a map by hand, "
                 f'[log] header_line = 0, {when} and [sensor.NAME] temperature = "N", where columns are '
@@ -125,6 +131,12 @@ def _text(value: str) -> str:
     return json.dumps(value, ensure_ascii=False)
 
 
+def _list(columns: Sequence[str]) -> str:
+    """A column, or several, as a map names them."""
+    names = ", ".join(_text(name) for name in columns)
+    return names if len(columns) == 1 else f"[{names}]"
+
+
 def _head(scans: Sequence[Scan], guess: Guess, map_path: Path) -> str:
     assert guess.clock is not None
     clock, first = guess.clock, scans[0]
@@ -137,8 +149,7 @@ def _head(scans: Sequence[Scan], guess: Guess, map_path: Path) -> str:
         "\n",
         _line("[log]", f"known as {guess.known_as}" if guess.known_as else "what is left out is found out"),
     ]
-    times = ", ".join(_text(name) for name in clock.columns)
-    lines.append(_line(f"time = {times if len(clock.columns) == 1 else f'[{times}]'}"))
+    lines.append(_line(f"time = {_list(clock.columns)}"))
     if clock.format == NUMBERS:
         lines.append(
             _line(f"time_unit = {_text(clock.unit)}", clock.doubt or ("since 1970" if clock.since_1970 else ""))

@@ -48,6 +48,7 @@ def guess_log(lines: Scan) -> Guess:
     sensors: dict[str, SensorGuess] = {}
     shared: list[tuple[str, str, str, str]] = []
     unused: list[tuple[str, str]] = []
+    read: list[tuple[str, str, str, list[str]]] = []
     for k, name in enumerate(lines.names):
         if name in times:
             continue
@@ -61,6 +62,11 @@ def guess_log(lines: Scan) -> Guess:
             unused.append((name, "holds nothing" if values.size < 2 else "holds nothing but zeros (not connected?)"))
             continue
         unit, how = guess_unit(COLUMNS.get(quantity, quantity), named, values)
+        cells = [row[k] for row in rows]
+        if twin := next((one for one, *of in read if of[:1] == [quantity] and _says_again(*of, unit, cells)), None):
+            unused.append((name, f"the same as {twin} in another unit"))
+            continue
+        read.append((name, quantity, unit, cells))
         key = sensor_key(re.sub(r" #\d+$", "", name))
         if quantity in POSITION or (quantity in ("pressure", "airflow") and not key):
             shared.append((quantity, name, unit, how))
@@ -95,7 +101,26 @@ def guess_log(lines: Scan) -> Guess:
             main = [column for key, (column, _, _) in sensor.columns.items() if key in ("temperature", "humidity")]
             bare = re.sub(r"[^A-Za-z0-9]+", "-", bare_name(main[0])).strip("-")
             sensor.name = (bare if len(main) == 1 and bare else "sensor") + (sensor.name if len(main) > 1 else "")
+        again = sum(other.name == sensor.name for other in useful[: useful.index(sensor)])
+        sensor.name += f"-{again + 1}" if again else ""  # two columns may differ by nothing but their unit
     return Guess(clock, tuple(useful), known_as, tuple(unused))
+
+
+def _says_again(quantity: str, unit: str, cells: Sequence[str], other_unit: str, other_cells: Sequence[str]) -> bool:
+    """Whether two columns of a quantity say the same in two units, to half of the last digits that they are written
+    with: a sensor that is logged in degC and in degF is one."""
+    if unit == other_unit or COLUMNS.get(quantity, quantity) not in UNITS:
+        return False
+    values, rounding = [], 0.0
+    for scale_of, texts in ((unit, cells), (other_unit, other_cells)):
+        scale, offset = UNITS[COLUMNS.get(quantity, quantity)][scale_of]
+        found = [NUMBER.match(text.strip()) for text in texts]
+        digits = max((len(m[0].replace(",", ".").partition(".")[2]) for m in found if m), default=0)
+        rounding += 0.5 * abs(scale) * 10.0**-digits
+        values.append(np.array([scale * float(m[0].replace(",", ".")) + offset if m else np.nan for m in found]))
+    apart = np.abs(values[0] - values[1])
+    apart = apart[np.isfinite(apart)]
+    return apart.size > 1 and bool(np.quantile(apart, 0.95) <= 1.001 * rounding)
 
 
 def _why_no_reading(

@@ -188,7 +188,7 @@ def to_map(clock: TimeColumns, origin_s: float, seconds: float, digits: int = 2)
 
 def _clock_s(texts: Any) -> Array:
     """Hours:minutes:seconds to s of a day."""
-    parts = texts.str.replace(",", ".", regex=False).str.extract(r"^(\d{1,3}):(\d{2})(?::(\d{2}(?:\.\d+)?))?$")
+    parts = texts.str.replace(",", ".", regex=False).str.extract(r"^(\d{1,3}):(\d{1,2})(?::(\d{1,2}(?:\.\d+)?))?$")
     numbers = parts.astype(float).to_numpy()
     return np.asarray(3600.0 * numbers[:, 0] + 60.0 * numbers[:, 1] + np.nan_to_num(numbers[:, 2]), dtype=float)
 

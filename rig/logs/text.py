@@ -246,7 +246,12 @@ def _header(
     nothing = ("",) * width
 
     def cells(line: str) -> list[str]:
-        return [cell.strip() for cell in _split(line, separator)]
+        """Names may be parted otherwise than rows: by commas above tabs."""
+        found = _split(line, separator)
+        if len(found) == 1:
+            others = (_split(line, other) for other in SEPARATORS.values())
+            found = next((other for other in others if len(other) == width), found)
+        return [cell.strip() for cell in found]
 
     def aligned(names: list[str]) -> list[str]:
         """One name too few, and no separator at the end of rows: the first column, row names or stamps, has none."""
@@ -282,8 +287,6 @@ def _header(
     # The names may stand in a comment: "# time temperature humidity".
     for i in reversed(range(len(over))):
         found = cells(over[i].lstrip("".join(COMMENTS) + " "))
-        if len(found) == 1 and len(found[0].split()) == width:  # rows are parted by tabs, and names by blanks
-            found = found[0].split()
         if sum(map(is_unit, found)) > len(found) / 2:  # under more names than a row has cells
             units = tuple((found + [""] * width)[:width])
             continue

@@ -2,7 +2,7 @@
 
 import json
 import tracemalloc
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
@@ -14,7 +14,9 @@ from made_up_logs import (
     MARKED,
     TWO,
     WAYS,
+    date,
     in_full,
+    lines_of,
     plain,
     plain_log,
     series,
@@ -59,6 +61,30 @@ def test_every_way_of_writing_gives_the_same_runs(tmp_path, way, capsys):
         off_s = begin_s + head["step_seen_s"] - at_s
         assert abs(off_s) < 2.0 * head["step_seen_standard_uncertainty_s"] < 2.0
         assert head["imported"]["log"] == "log.csv" and "transfer" not in head
+
+
+def test_columns_that_differ_in_nothing_but_their_unit_are_two_sensors_where_they_disagree(tmp_path):
+    """As a thermocouple in degC beside an oven's own display in degF: the map that is written can be read."""
+    lines = lines_of("time_s,Temp (C),Temp (F)", lambda t, a, b, n: f"{t:.2f},{a:.2f},{1.8 * a + 35.0:.2f}")
+    look = look_at([written(tmp_path / "log.csv", text(lines))], tmp_path / "log.toml")
+    assert [dict(one.columns) for one in look.map.sensors.values()] == [
+        {"temperature": ("Temp (C)", "degC")},
+        {"temperature": ("Temp (F)", "degF")},
+    ]
+    lines = lines_of("time_s,Set Temp (C),Temp (C)", lambda t, a, b, n: f"{t:.2f},{35 if t > 80.0 else 22},{a:.2f}")
+    look = look_at([written(tmp_path / "set.csv", text(lines))], tmp_path / "set.toml")
+    assert len(look.map.sensors) == 1 and "Set Temp (C)" in look.unused[0]
+
+
+def test_logs_of_one_layout_tell_together_whether_the_day_comes_first(tmp_path):
+    """Of the third of January and of the seventeenth: the second one tells that the month stands before the day."""
+    logs = []
+    for day in (3, 17):
+        stamps = date("%m/%d/%Y %H:%M:%S.%f", datetime(2026, 1, day, 12, tzinfo=UTC))
+        logs.append(written(tmp_path / f"{day}.csv", text(plain("Date Time,Temp,RH", stamps))))
+    look = look_at(logs, tmp_path / "log.toml")
+    assert "%m/%d/%Y" in look.text and "nothing in the log tells" not in look.text
+    assert [len(steps) for steps in look.steps] == [3, 3]
 
 
 def test_what_a_person_knows_of_a_step_is_written(tmp_path):
