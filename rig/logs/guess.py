@@ -62,11 +62,12 @@ def guess_log(lines: Scan) -> Guess:
             unused.append((name, "holds nothing" if values.size < 2 else "holds nothing but zeros (not connected?)"))
             continue
         unit, how = guess_unit(COLUMNS.get(quantity, quantity), named, values)
-        cells = [row[k] for row in rows]
-        if twin := next((one for one, *of in read if of[:1] == [quantity] and _says_again(*of, unit, cells)), None):
+        own = [row[k] for row in rows]
+        twins = (one for one, what, its, those in read if what == quantity and _says_again(what, its, those, unit, own))
+        if twin := next(twins, None):
             unused.append((name, f"the same as {twin} in another unit"))
             continue
-        read.append((name, quantity, unit, cells))
+        read.append((name, quantity, unit, own))
         key = sensor_key(re.sub(r" #\d+$", "", name))
         if quantity in POSITION or (quantity in ("pressure", "airflow") and not key):
             shared.append((quantity, name, unit, how))
