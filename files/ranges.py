@@ -40,6 +40,9 @@ RANGES: Mapping[str, Range] = MappingProxyType(
     {
         # of an air, a sensor's body or its die
         "temperature_c": Range(-100.0, 150.0, _KELVIN),
+        # as thermometers read it that are no air's, in an oven or in liquid nitrogen: of thermocouples, types K and B
+        # (IEC 60584-1)
+        "temperature_reading_c": Range(-270.0, 1820.0, _KELVIN),
         # of an air, as instruments report it: a little below 0, and above 100 where it is supersaturated or they err
         "humidity_percent": Range(-5.0, 130.0, _FRACTION),
         # as a polymer film reads it: one that is cold or condensed on reads further out than any air is

@@ -12,6 +12,8 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.files.ranges import Range
+
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
@@ -62,6 +64,7 @@ NEAR_SENTINEL = 1e-6  # relative, and 1e-4 in the quantity's unit: digits that a
 FAR_STEPS = 2.0  # times what nine of ten readings differ from the next by
 LEAST_JUMP = 1.0  # in the quantity's unit
 LARGEST_MEASURED = 1e25  # in whatever unit: nothing that flies measures so much, and sums of squares still hold it
+LEAST_COURSE = 5  # readings in a row: as few as a step must have for the import to look at it (rig/logs/steps.py)
 JUMP_STEPS = 20.0  # times what readings usually differ from the next by
 
 
@@ -92,6 +95,39 @@ def coded(quantity: str, values: Array, low: float = -np.inf, high: float = np.i
     return found
 
 
+def unread(values: Array, usual: Range, readable: Range) -> Mask:
+    """Temperatures (n,) beyond what is `usual` that nothing measured.
+
+    They are beyond what is `readable`, or a code, or the log jumps to them and back, for fewer rows than a course has
+    or to one number, as of a contact that is open. What it goes to as it goes elsewhere, as into an oven, is measured.
+    """
+    known = np.flatnonzero(np.isfinite(values))
+    outside = (values[known] < usual.low) | (values[known] > usual.high)
+    if not outside.any():
+        return np.zeros(values.shape, dtype=bool)
+    wrong = (values < readable.low) | (values > readable.high)
+    for rows in coded("temperature", values, readable.low, readable.high).values():
+        wrong[known[outside]] |= rows[known[outside]]
+    known = known[~wrong[known]]
+    there = values[known]
+    beyond = (there < usual.low) | (there > usual.high)
+    jump = _usual_jump(there[~beyond])
+    for begin, end in np.flatnonzero(np.diff(beyond, prepend=False, append=False)).reshape(-1, 2):
+        part = there[begin:end]
+        ends = [*np.abs(there[begin - 1 : begin] - part[0]), *np.abs(there[end : end + 1] - part[-1])]
+        varies = part.size >= LEAST_COURSE and np.ptp(part) > 0.0
+        if not varies and min(ends, default=np.inf) > jump:
+            wrong[known[begin:end]] = True
+    return wrong
+
+
+def _usual_jump(believed: Array) -> float:
+    """How far readings go from one to the next at the most, in the quantity's unit."""
+    step = np.abs(np.diff(believed))
+    usual = max(FAR_STEPS * float(np.quantile(step, 0.9)), JUMP_STEPS * float(np.median(step))) if step.size else 0.0
+    return max(usual, LEAST_JUMP)
+
+
 def _jumped_to(values: Array, others: Mask, rows: Mask, code: float) -> Mask:
     """Which of the `rows` with a code the log jumps to: those farther from the readings beside them, of the `others`,
     than these are from one another."""
@@ -103,7 +139,5 @@ def _jumped_to(values: Array, others: Mask, rows: Mask, code: float) -> Mask:
     after = np.searchsorted(believed, at)
     before, behind = values[believed[np.maximum(after - 1, 0)]], values[believed[np.minimum(after, believed.size - 1)]]
     away = np.minimum(np.abs(before - code), np.abs(behind - code))
-    step = np.abs(np.diff(values[believed]))
-    usual = max(FAR_STEPS * float(np.quantile(step, 0.9)), JUMP_STEPS * float(np.median(step))) if step.size else 0.0
-    jumped[at] = away > max(usual, LEAST_JUMP)
+    jumped[at] = away > _usual_jump(values[believed])
     return jumped

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from shockrig.files.disk import TABLE_AT_MOST, is_there, open_text, shown
 from shockrig.files.errors import InputError
 from shockrig.files.ranges import RANGES, Range
+from shockrig.files.sentinels import unread
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -78,7 +79,7 @@ def read_sensor(folder: Path, sensor: str) -> Trace | None:
         keep &= ~stale
     impossible = {}
     for name, readings in values.items():
-        wrong = ~np.isnan(readings) & ~_possible(readings, limits[name]) & keep
+        wrong = _impossible(np.where(keep, readings, np.nan), name, limits[name])
         dropped["implausible"] += int(wrong.sum())
         if wrong.any():
             impossible[name] = float(np.median(readings[wrong]))
@@ -112,7 +113,7 @@ def read_air(folder: Path) -> Trace | None:
         if name not in table:
             continue
         column = _numbers(table, name, file)
-        possible = _possible(column, limits)
+        possible = ~np.isnan(column) & ~_impossible(column, name, limits)
         dropped["implausible"] += int((~possible & ~np.isnan(column) & keep).sum())
         if (possible & keep).any():
             values[name] = np.where(possible, column, np.nan)
@@ -198,6 +199,13 @@ def _in_order(file: Path, time_s: Array, values: dict[str, Array], keep: Mask, d
     dropped["repeated_time"] = kept.size - fresh.size
     counted = {why: count for why, count in dropped.items() if count}
     return Trace(time_s[fresh], {name: column[fresh] for name, column in values.items()}, counted)
+
+
+def _impossible(values: Array, column: str, limits: Range) -> Mask:
+    """Which readings of a column (n,) are none; a thermometer may be in an oven, where no air is."""
+    if column == "temperature_c":
+        return unread(values, limits, RANGES["temperature_reading_c"])
+    return ~np.isnan(values) & ~_possible(values, limits)
 
 
 def _possible(values: Array, limits: Range) -> Mask:

@@ -119,7 +119,7 @@ def everything_in_fahrenheit(view: CampaignView) -> Iterator[InputFinding]:
 
 
 def everything_in_kelvin(view: CampaignView) -> Iterator[InputFinding]:
-    """Temperatures in kelvin: the reader drops them as beyond what can be, and keeps their median."""
+    """Temperatures in kelvin, read as in degC; of those that the reader dropped as no readings it keeps the median."""
     for sensor, column in (("imet", TEMPERATURE), ("hyt", DIE)):
         medians = in_kelvin(view, sensor)
         if medians:
@@ -138,11 +138,20 @@ def in_kelvin(view: CampaignView, sensor: str) -> dict[str, float]:
     """Median temperature of each run of a sensor that seems to be in kelvin: no air has it in °C, and it lies nearer
     to what the sensor's other runs read once it is converted."""
     medians = {run.id: _median_c(getattr(run, sensor)) for run in view.campaign.runs}
-    usual = np.array([m for m in medians.values() if np.isfinite(m) and not _may_be_kelvin(m)])
+    # An oven is as warm in degC, and was colder before, or in another run.
+    may_be = {run.id for run in view.campaign.runs if _may_be_kelvin(medians[run.id]) and _stays(getattr(run, sensor))}
+    usual = np.array([m for run, m in medians.items() if np.isfinite(m) and run not in may_be])
     middle = float(np.median(usual)) if usual.size else -np.inf  # a campaign that is in kelvin throughout
     return {
-        run: m for run, m in medians.items() if _may_be_kelvin(m) and abs(KELVIN.convert(m) - middle) <= abs(m - middle)
+        run: m for run, m in medians.items() if run in may_be and abs(KELVIN.convert(m) - middle) <= abs(m - middle)
     }
+
+
+def _stays(trace: Trace) -> bool:
+    """Whether a run's temperatures, but for the coldest and the hottest, may all be in kelvin."""
+    readings = trace.values["temperature_c"]
+    known = readings[np.isfinite(readings)]
+    return mostly_impossible(trace) or all(map(_may_be_kelvin, np.quantile(known, [0.05, 0.95])))
 
 
 def _median_c(trace: Trace | None) -> float:

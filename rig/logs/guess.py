@@ -180,7 +180,8 @@ def guess_unit(quantity: str, named: str | None, values: Array) -> tuple[str, st
     middle = float(np.median(values))
     taken = "not named in the log: taken for granted"
     if quantity == "temperature":
-        if 200.0 < middle < 400.0:
+        # No air is so warm in degC; an oven is, and was colder before.
+        if 200.0 < middle < 400.0 and np.quantile(values, 0.05) > 150.0:
             return "K", f"not named in the log: half of the readings are above {middle:.4g}"
         return "degC", taken + ("; if it is fahrenheit, say degF" if middle > 55.0 else "")
     if quantity == "humidity":

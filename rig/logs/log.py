@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from shockrig.files.disk import shown
 from shockrig.files.flight_cells import plain_numbers
 from shockrig.files.ranges import RANGES, Range
+from shockrig.files.sentinels import unread
 from shockrig.files.spelling import did_you_mean
 from shockrig.files.unit_names import UNITS, known_unit, unit_in_name
 from shockrig.rig.bench_errors import BenchError
@@ -288,6 +289,8 @@ def _checked(read: _Read, column: Column, lines: Scan) -> tuple[Array, list[str]
         said.append(f"{missing} values of {column.name!r} are missing")
     limits = LIMITS[column.quantity]
     absurd = np.flatnonzero((numbers < limits.low) | (numbers > limits.high))
+    if column.quantity == "temperature" and absurd.size < 0.9 * np.isfinite(numbers).sum():
+        absurd = np.flatnonzero(unread(numbers, limits, RANGES["temperature_reading_c"]))
     if absurd.size and absurd.size >= 0.9 * np.isfinite(numbers).sum():
         key = f"{column.quantity}_unit"
         raise BenchError(

@@ -354,6 +354,19 @@ def test_cooling_water_is_not_said_to_be_in_milliseconds():
     assert "milliseconds" not in kinds(thermometer(named))
 
 
+def test_an_oven_that_was_cold_before_is_not_in_kelvin():
+    """Its readings go from a room to 240 degC; of another run, whose record begins in the heat, the others tell."""
+    runs = [lag(2.0, noise=0.02, seed=i, name=f"{i}") for i in range(3)]
+    for run in runs:
+        readings = run.imet.values["temperature_c"]
+        readings[:] = 20.0 + 220.0 * (readings - readings.min()) / np.ptp(readings)
+    runs[2].imet.values["temperature_c"][:] = 200.0 + runs[2].imet.values["temperature_c"] / 5.0
+    assert "kelvin" not in kinds(thermometer(*runs))
+    for run in runs[:2]:
+        run.imet.values["temperature_c"][:] = runs[2].imet.values["temperature_c"]
+    assert "kelvin" in kinds(thermometer(*runs))
+
+
 @pytest.mark.parametrize("usual_c, lost, kind", [(110.0, 186.0, "dead_sensor"), (20.0, 293.0, "kelvin")])
 def test_a_run_is_in_kelvin_where_that_brings_it_nearer_to_the_others(usual_c, lost, kind):
     runs = [lag(2.0, noise=0.02, seed=i, name=f"{i}") for i in range(3)]

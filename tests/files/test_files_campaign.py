@@ -255,6 +255,17 @@ def test_absurd_empty_and_repeated_rows_are_dropped_and_counted(small):
     assert trace.dropped == {"implausible": 1, "empty": 2, "repeated_time": 1}
 
 
+def test_a_thermometer_in_an_oven_is_read_and_an_open_contact_is_not(small):
+    """By how it gets there: an oven that hovers about 150 degC and goes on to 250, a spike, and a number that stays."""
+    oven = [20.0 + 130.0 * (1.0 - 0.9**k) for k in range(60)] + [150.4, 149.8, 150.2, 149.9]
+    oven += [250.0 - 100.0 * 0.8**k for k in range(30)]
+    readings = [*oven[:30], 700.0, *oven[30:80], *[988.79] * 12, *oven[80:]]
+    rows = "".join(f"{k},{one!r}\n" for k, one in enumerate(readings))
+    (small / "runs/0001/imet.csv").write_text(f"time_s,temperature_c\n{rows}")
+    trace = read_campaign(small).runs[0].imet
+    assert trace.values["temperature_c"].tolist() == oven and trace.dropped == {"implausible": 13}
+
+
 @pytest.mark.parametrize(
     "text",
     [

@@ -79,6 +79,18 @@ def of_trace(file, column):
     return read
 
 
+def of_course(folder, value):
+    """A thermometer that goes from a room to `value` by itself."""
+    rows = "".join(f"{k},{20.0 + (value - 20.0) * k / 11!r}\n" for k in range(12))
+    for part in ("imet.csv", "air.csv"):
+        campaign_with(folder / part, air=f"time_s,temperature_c\n{rows}")
+        (folder / part / "runs/0001/imet.csv").write_text(f"time_s,temperature_c\n{rows}")
+        run = read_campaign(folder / part).runs[0]
+        if run.imet.dropped or run.air.dropped:
+            raise InputError("dropped")
+        assert run.imet.values["temperature_c"][-1] == pytest.approx(value)
+
+
 def of_profile(part, key):
     documents = {
         "temperature": {"thermal_diffusivity_m2_s": {"value": 1e-7}},
@@ -152,6 +164,7 @@ DOORS = {
         "protocol": of_protocol("temperature_c = 19.0", "temperature_c"),
         "flight": of_flown_air("temperature_c"),
     },
+    "temperature_reading_c": {"imet.csv and air.csv": of_course},
     "humidity_percent": {
         "run.json": of_run("destination.humidity_percent"),
         "air.csv": of_air("humidity_percent"),
