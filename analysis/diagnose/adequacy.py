@@ -144,6 +144,27 @@ def varies_with(problem: Problem, found: Fit) -> list[str]:
     return said
 
 
+def in_common(channel: Channel, found: Fit, noise: Noise) -> float | None:
+    """How much of what a fit leaves its runs have in common, from 0 to 1; None of a single run.
+
+    What one curve in time tells of its squares beyond noise, as a share of what a curve of each run's own tells. Runs
+    whose mean is no accident may be far apart all the same.
+    """
+    if channel.runs < 2:
+        return None
+    weight = np.sqrt(channel.count)
+    basis, left = time_basis(channel.time_s, channel.tempo) * weight[..., None], found.residual * weight
+
+    def told(columns: Array, values: Array) -> float:
+        used = columns[:, np.abs(columns).sum(axis=0) > 0.0]
+        fitted = used @ np.linalg.lstsq(used, values, rcond=None)[0]
+        return float((fitted**2).sum()) - used.shape[1] * noise.standard_deviation**2
+
+    own = sum(told(*run) for run in zip(basis, left, strict=True))
+    share = told(basis.reshape(-1, basis.shape[-1]), left.ravel()) / own if own > 0.0 else 0.0
+    return float(np.clip(share, 0.0, 1.0))
+
+
 def when_largest(channel: Channel, found: Fit, noise: Noise) -> tuple[float, float]:
     """The window of time after the transfer [s] in which residuals are largest above what the noise would give."""
     late = np.where(channel.time_s > 0, channel.time_s, np.nan)

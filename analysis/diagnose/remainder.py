@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.diagnose.adequacy import Adequacy, varies_with, when_largest
+from shockrig.analysis.diagnose.adequacy import Adequacy, in_common, varies_with, when_largest
 from shockrig.analysis.diagnose.gain import Gain
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.estimate.fit import Fit, left_at_common_rates
@@ -39,7 +39,7 @@ def describe(
     problem: Problem, found: Fit, noise: Noise, adequacy: Adequacy, left: StatedRemainder
 ) -> dict[str, object]:
     """What is left, without physics: its size, when in the run it is largest, and what it varies with."""
-    weight = problem.channel.count
+    weight, share = problem.channel.count, in_common(problem.channel, found, noise)
     size = float(np.sqrt((weight * found.residual**2).sum() / weight.sum()))
     return {
         "size_rms": size,
@@ -51,6 +51,7 @@ def describe(
         "largest_from_s": left.from_s,
         "largest_until_s": left.until_s,
         "varies_with": list(left.varies_with),
+        **({} if share is None else {"in_common": share}),
     }
 
 

@@ -363,14 +363,11 @@ def unexplained(found: ChannelDiagnosis, whole: bool = True) -> str:
             "after the transfer"
             + (", when the response is over: rather an air that moved than the sensor" if _late(found, left) else "")
         )
-    varying = [str(v) for v in left.get("varies_with") or ()]
-    alike = [v for v in varying if v.startswith("nothing")]
-    varying = [v for v in varying if v not in alike]
+    varying = [str(v) for v in left.get("varies_with") or () if not str(v).startswith("nothing")]
     if varying:
-        steady = ", and part of it is the same in every run" if alike else ""
-        parts.append(f"it varies with {listed(varying)}{steady}")
-    elif alike:
-        parts.append("it is the same in every run")
+        parts.append(f"it varies with {listed(varying)}")
+    if "in_common" in left:
+        parts.append(f"{100.0 * float(left['in_common']):.0f} % of it is the same in every run")
     if whole and left.get("test"):
         parts.append(f"the test that shows it best: {left['test']}")
     return f"{text}: {'; '.join(parts)}." if parts else f"{text}."

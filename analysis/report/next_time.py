@@ -89,12 +89,10 @@ def _airflow(channels: Sequence[Channel]) -> str:
 def _sampling(channels: Sequence[Channel]) -> str:
     for channel in channels:
         t63_s = _t63_s(channel)
-        if t63_s is not None and t63_s < ENOUGH_READINGS * channel.sampling_period_s:
-            # What passes between two readings is not known any better than to the time between them.
+        # What passes between two readings is not known any better than to the time between them.
+        if t63_s is not None and t63_s < (ENOUGH_READINGS - 1.0) * channel.sampling_period_s:
             t63_s = max(t63_s, channel.sampling_period_s)
             wanted, now = _about(t63_s / ENOUGH_READINGS), _about(channel.sampling_period_s)
-            if wanted == now:
-                continue
             within = f"63 % of the way takes {_about(t63_s)} s or less"
             return f"Log every {wanted} s or faster, not every {now} s: {within}."
     return ""

@@ -7,7 +7,7 @@ import pytest
 from small_worlds import logged
 
 from shockrig.analysis.diagnose import remainder
-from shockrig.analysis.diagnose.adequacy import varies_with
+from shockrig.analysis.diagnose.adequacy import in_common, varies_with
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.prepare import prepare
 from shockrig.analysis.diagnose.remainder import Tolerance, measure_remainder
@@ -55,6 +55,21 @@ def test_runs_that_differ_in_their_rate_are_not_adequate_because_nobody_recorded
     found = diagnose_channel(build_channel(logged(tmp_path, runs), "temperature"))
     assert found.verdict == "unexplained" and not found.causes
     assert found.final.rate_scatter == pytest.approx(0.064, abs=0.02) and found.remainder.significant
+
+
+def test_how_much_of_what_is_left_runs_have_in_common():
+    """One curve in all runs, another in each, and half and half; of a single run nothing is said."""
+    time = np.tile(np.geomspace(0.1, 100.0, 40), (4, 1))
+    curve = np.exp(-((np.log(time) - 1.0) ** 2))
+    noise = SimpleNamespace(standard_deviation=0.001)
+
+    def shared(residual, runs=4):
+        channel = SimpleNamespace(runs=runs, time_s=time[:runs], count=np.ones((runs, 40)), tempo=1.0)
+        return in_common(channel, SimpleNamespace(residual=residual[:runs]), noise)
+
+    either = np.array([1.0, -1.0, 1.0, -1.0])[:, None] * curve
+    assert shared(curve) == pytest.approx(1.0, abs=1e-3) and shared(either) == pytest.approx(0.0, abs=1e-3)
+    assert shared(curve + either) == pytest.approx(0.5, abs=1e-3) and shared(curve, 1) is None
 
 
 @pytest.mark.parametrize(

@@ -102,11 +102,12 @@ def test_adequate_and_unexplained_are_said_honestly():
         "largest_from_s": 2.5,
         "largest_until_s": 10.0,
         "varies_with": ["nothing: the same in every run", "airflow"],
+        "in_common": 0.42,
         "test": "mean response",
     }
     text = channel_verdict(channel("temperature", "unexplained", (FILM,), left))
     assert text.startswith("Something is left in the bead's readings that no catalogued effect explains: 0.080 K rms")
-    assert "from 2.5 to 10 s" in text and "it varies with airflow, and part of it is the same in every run" in text
+    assert "from 2.5 to 10 s" in text and "it varies with airflow; 42 % of it is the same in every run" in text
     assert "Certain all the same: The bead does not follow" in text
     assert channel_verdict(channel("temperature", "unexplained")).endswith("explains.")
 
