@@ -32,6 +32,12 @@ def plain(value: float | int | str | None, digits: int = 4) -> str:
     return _number(value, max(0, digits - 1 - exponent))
 
 
+def short(value: float, digits: int) -> str:
+    """`value` to at least `digits` significant digits, and to whole ones where it has more before the point."""
+    text = f"{value:.{digits}g}"
+    return f"{value:.0f}" if "e+" in text else text
+
+
 def measured(value: float, standard_uncertainty: float | None, unit: str = "") -> str:
     """Value ± one standard uncertainty (two digits of it) and the unit, e.g. "(7.500 ± 0.020) × 10⁻⁸ m²/s"."""
     tail = f" {unit}" if unit else ""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from shockrig.files.errors import InputError
-from shockrig.files.numbers import counted
+from shockrig.files.numbers import counted, short
 
 if TYPE_CHECKING:
     from shockrig.rig.logs.found import LogStep
@@ -140,7 +140,8 @@ def _when(sensors: SensorLog, one: LogStep) -> str:
     at = to_map(sensors.log.clock, sensors.log.origin_s, one.step.at_s, digits).strip('"')
     clock = sensors.log.clock
     unit = f" {clock.unit}" if clock.format == NUMBERS and clock.unit != "s" else ""
-    return f"{at}{unit} ± {unsure_s:.2g} s"
+    piece = f", piece {one.step.piece + 1}" if len(sensors.log.pieces) > 1 else ""
+    return f"{at}{unit} ± {short(unsure_s, 2)} s{piece}"
 
 
 def sensors_said(names: Sequence[str]) -> str:
@@ -178,8 +179,8 @@ def _say_campaign(campaign: SensorCampaign, place: Path, first: int) -> None:
         seen_s = run.step.step.at_s
         readings = ", ".join(f"{name} {size}" for name, size in run.readings.items())
         print(
-            f"  {number:04d}  {run.log} step {run.step.number}: {seen_s - run.begin_s:.4g} s before, "
-            f"{run.end_s - seen_s:.4g} s after; readings: {readings}"
+            f"  {number:04d}  {run.log} step {run.step.number}: {short(seen_s - run.begin_s, 4)} s before, "
+            f"{short(run.end_s - seen_s, 4)} s after; readings: {readings}"
         )
         for said in run.remarks:
             print(f"        {said}")

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from shockrig.files.disk import shown
+from shockrig.files.numbers import short
 from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.logs.clock_columns import counters, guess_clock
 from shockrig.rig.logs.found import LogStep, steps_of
@@ -206,7 +207,7 @@ def _references(sensor: str, times: dict[str, dict[str, float]], by_name: str | 
     for key, of in times.items():
         fastest = min(of, key=lambda name: of[name])
         if fastest != sensor and sensor in of and of[sensor] > MUCH_FASTER * of[fastest]:
-            found[fastest] = f"63 % of {key} after {of[fastest]:.3g} s, this one after {of[sensor]:.3g} s"
+            found[fastest] = f"63 % of {key} after {short(of[fastest], 3)} s, this one after {short(of[sensor], 3)} s"
     return found
 
 
@@ -261,7 +262,7 @@ def _step_text(sensors: SensorLog, one: LogStep, in_pieces: bool) -> str:
 def said_of(move: StepOnset) -> str:
     """One line on what a channel did at a step."""
     unit = UNIT_SHOWN[move.quantity]
-    return f"{move.channel}: {move.before:.4g} to {move.after:.4g} {unit}, 63 % after {move.t63_s:.3g} s"
+    return f"{move.channel}: {move.before:.4g} to {move.after:.4g} {unit}, 63 % after {short(move.t63_s, 3)} s"
 
 
 def _shorter(text: str) -> str:

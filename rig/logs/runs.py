@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from shockrig.files.campaign_write import run_document, table_text
 from shockrig.files.json_files import known
+from shockrig.files.numbers import short
 from shockrig.rig.logs.found import LogStep
 from shockrig.rig.logs.mapping import LogMap, SensorMap
 from shockrig.rig.logs.sensor_logs import SensorLog
@@ -237,6 +238,6 @@ def _remarks(sensors: SensorLog, one: LogStep, name: str, begin_s: float) -> tup
     until_s = one.step.at_s - 2.0 * one.step.uncertainty_s
     found = drifts(one, sensors, name, inside_run(sensors, name, one.step.piece, begin_s, until_s))
     return tuple(
-        f"{key} had not settled: {drift:+.2g} in the {until_s - begin_s:.3g} s before it"
+        f"{key} had not settled: {drift:+.2g} in the {short(until_s - begin_s, 3)} s before it"
         for key, drift in found.items()
     )

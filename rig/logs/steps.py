@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.files.numbers import short
 from shockrig.rig.logs.changes import ChangePoint, LogPiece, find_changes
 from shockrig.rig.logs.onset import StepOnset, fit_onset
 from shockrig.rig.logs.stages import count_stages, first_stage
@@ -259,7 +260,7 @@ def judged(step: StepInLog, steps: Sequence[StepInLog], k: int, channels: Sequen
     after = max(int(((c.time_s > step.at_s) & (c.time_s < until_s)).sum()) for c in moved)
     why = ""
     if step.stages >= MANY_STAGES:
-        why = f"came in {step.stages} stages over {step.lasted_s:.3g} s: the air itself took that long"
+        why = f"came in {step.stages} stages over {short(step.lasted_s, 3)} s: the air itself took that long"
     elif all(move.t63_s > RAMP_SHARE * (min(until_s, ends_s) - move.at_s) for move in step.moves):
         why = "did not slow down until the next step or the end: a ramp, or too short a stretch to tell"
     elif before < READINGS_BEFORE:

@@ -65,7 +65,7 @@ def test_what_was_not_recorded_is_asked_for(whole):
 
 
 def test_readings_are_not_asked_for_oftener_by_less_than_they_tell(whole):
-    """A time to 63 % of 12 s with a reading each 1.6 s: eight in it would be one each 1.5 s, and it is good to 1.6 s."""
+    """A time to 63 % of 12 s, with a reading each 1.6 s: it is known to these, and eight in it are one each 1.5 s."""
     for period_s, asked in ((1.6, False), (1.8, True)):
         said = next_time([unknown(replace(lagging(whole), sampling_period_s=period_s))])
         assert any(one.startswith("Log every") for one in said) == asked

@@ -40,7 +40,7 @@ from shockrig.analysis.report.fit_figures import (
 )
 from shockrig.analysis.report.panels import RunPanel, run_panels, times_named
 from shockrig.files.figures import BLUE, GREY, INK, RED, figure_bytes
-from shockrig.files.numbers import power_of_ten
+from shockrig.files.numbers import power_of_ten, short
 
 EVIL = "\"><script>alert('x')</script><img src=http://example.org/x onerror=alert(1)> & $\\alpha$ </style>"
 
@@ -143,6 +143,10 @@ def test_a_table_must_be_rectangular_and_its_numbers_stand_right():
 )  # fmt: skip
 def test_plain_numbers(value, shown):
     assert plain(value) == shown
+
+
+def test_seconds_and_readings_are_written_without_powers_of_ten():
+    assert [short(value, 3) for value in (1.337, 136.0, 1095.4, 25420.6)] == ["1.34", "136", "1095", "25421"]
 
 
 @pytest.mark.parametrize(

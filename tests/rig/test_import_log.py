@@ -240,6 +240,9 @@ def test_a_clock_that_starts_anew_and_a_gap_divide_a_log(tmp_path, capsys):
     assert run(log, "--map", map_, "--out", tmp_path / "c") == 0
     said = capsys.readouterr().out
     assert "the clock starts anew once (first in line 682)" in said and "a gap of 60" in said
+    assert run(log, "--look", "--out", tmp_path / "look") == 0
+    looked = capsys.readouterr().out
+    assert ", piece 1\n" in looked and ", piece 2\n" in looked  # a time that is there twice is told by its piece
     seen = [json.loads((p / "run.json").read_text())["imported"]["at"] for p in sorted((tmp_path / "c/runs").iterdir())]
     assert [float(at) for at in seen] == pytest.approx([*LOG.steps_s, *LOG.steps_s], abs=1.0)
     # A step stated by a time that is there twice must say in which piece.
