@@ -139,7 +139,11 @@ def in_kelvin(view: CampaignView, sensor: str) -> dict[str, float]:
     to what the sensor's other runs read once it is converted."""
     medians = {run.id: _median_c(getattr(run, sensor)) for run in view.campaign.runs}
     # An oven is as warm in degC, and was colder before, or in another run.
-    may_be = {run.id for run in view.campaign.runs if _may_be_kelvin(medians[run.id]) and _stays(getattr(run, sensor))}
+    may_be = {
+        run.id
+        for run in view.campaign.runs
+        if _may_be_kelvin(medians[run.id]) and _stays(getattr(run, sensor)) and not _says_its_unit(run, "temperatures")
+    }
     usual = np.array([m for run, m in medians.items() if np.isfinite(m) and run not in may_be])
     middle = float(np.median(usual)) if usual.size else -np.inf  # a campaign that is in kelvin throughout
     return {
@@ -333,10 +337,10 @@ def _may_be_known(view: CampaignView, sensor: str) -> bool:
     return not kind or kind in KNOWN_KINDS
 
 
-def _says_its_unit(run: Run) -> bool:
-    """Whether a run was imported from a log that writes dates, or names the unit of its times."""
+def _says_its_unit(run: Run, what: str = "times") -> bool:
+    """Whether a run was imported from a log that writes dates, or names the unit of its times or temperatures."""
     imported = run.extra.get("imported")
-    return isinstance(imported, Mapping) and imported.get("times") in ("dates", "named")
+    return isinstance(imported, Mapping) and imported.get(what) in ("dates", "named")
 
 
 def _against_other(seen: ColumnSeen, other: ColumnSeen | None) -> str:

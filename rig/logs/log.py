@@ -27,7 +27,7 @@ from shockrig.rig.logs.clock_columns import guess_clock
 from shockrig.rig.logs.lines import Index, Lines
 from shockrig.rig.logs.order import in_order
 from shockrig.rig.logs.stamps import NUMBERS, OF_DAY, TimeColumns, in_seconds, parsed
-from shockrig.rig.logs.text import BEHIND, NO_NUMBER, Layout, Scan, scan
+from shockrig.rig.logs.text import BEHIND, NO_NUMBER, Layout, Scan, scan, unit_in_cells
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,8 @@ class Log:
 
     `time_s` is on the log's own clock: as the log counts where it counts numbers, from its first stamp
     (`origin_s` since 1970) where it writes dates. `values` are in degC, percent, hPa, m/s; NaN where there is none.
-    `pieces` are slices of the rows. `remarks` say what was found odd and what was done, one sentence each.
+    `pieces` are slices of the rows. `remarks` say what was found odd and what was done, one sentence each. `named` are
+    the columns whose unit, as they were read, stands in the log itself.
     """
 
     path: Path
@@ -68,6 +69,7 @@ class Log:
     values: Mapping[str, Array]
     pieces: tuple[slice, ...]
     remarks: tuple[str, ...]
+    named: frozenset[str]
 
     @property
     def period_s(self) -> float:
@@ -88,6 +90,7 @@ class LogRows:
     values: Mapping[str, Array]
     numbers: Index
     remarks: tuple[str, ...]
+    named: frozenset[str]
 
 
 def read_rows(
@@ -140,10 +143,14 @@ def read_rows(
 
     time_s, origin_s = in_seconds(clock, stamps_read, stamp, len(lines.rows), where)
     values: dict[str, Array] = {}
+    some = lines.sample()
+    in_cells = {name: unit_in_cells([row[place] for row in some]) for place, name in enumerate(lines.names)}
+    said_by = {column.name: _unit_said(lines, column.name) or in_cells[column.name] for column in columns}
+    named = frozenset(column.name for column in columns if said_by[column.name] == column.unit)
     for column in columns:
-        values[column.name], said = _checked(read.pop(column.name), column, lines)
+        values[column.name], said = _checked(read.pop(column.name), column, lines, column.name in named)
         remarks += said
-    return LogRows(path, clock, origin_s, time_s, values, lines.numbers, tuple(remarks))
+    return LogRows(path, clock, origin_s, time_s, values, lines.numbers, tuple(remarks), named)
 
 
 def over_time(rows: LogRows, stamps: str = "auto") -> Log:
@@ -155,7 +162,8 @@ def over_time(rows: LogRows, stamps: str = "auto") -> Log:
     """
     ordered = in_order(rows.time_s, rows.values, rows.numbers, stamps)
     remarks = (*rows.remarks, *ordered.remarks)
-    return Log(rows.path, rows.clock, rows.origin_s, ordered.time_s, ordered.values, ordered.pieces, remarks)
+    time_s, values, pieces = ordered.time_s, ordered.values, ordered.pieces
+    return Log(rows.path, rows.clock, rows.origin_s, time_s, values, pieces, remarks, rows.named)
 
 
 @dataclass
@@ -269,8 +277,9 @@ def _numbers(
     return (scale * numbers + offset if (scale, offset) != (1.0, 0.0) else numbers), wrong
 
 
-def _checked(read: _Read, column: Column, lines: Scan) -> tuple[Array, list[str]]:
-    """A column's numbers, NaN also for those that cannot be, and what was left out."""
+def _checked(read: _Read, column: Column, lines: Scan, named: bool) -> tuple[Array, list[str]]:
+    """A column's numbers, NaN also for those that cannot be, and what was left out; where the log has `named` their
+    unit they are no slip of it."""
     where = f"{shown(lines.path)}, column {column.name!r}"
     said: list[str] = []
     numbers = np.concatenate(read.blocks)
@@ -289,7 +298,7 @@ def _checked(read: _Read, column: Column, lines: Scan) -> tuple[Array, list[str]
         said.append(f"{missing} values of {column.name!r} are missing")
     limits = LIMITS[column.quantity]
     absurd = np.flatnonzero((numbers < limits.low) | (numbers > limits.high))
-    if column.quantity == "temperature" and absurd.size < 0.9 * np.isfinite(numbers).sum():
+    if column.quantity == "temperature" and (named or absurd.size < 0.9 * np.isfinite(numbers).sum()):
         absurd = np.flatnonzero(unread(numbers, limits, RANGES["temperature_reading_c"]))
     if absurd.size and absurd.size >= 0.9 * np.isfinite(numbers).sum():
         key = f"{column.quantity}_unit"
@@ -307,10 +316,12 @@ def _checked(read: _Read, column: Column, lines: Scan) -> tuple[Array, list[str]
 
 def _names_unit(lines: Scan, name: str) -> bool:
     """Whether a log names the unit of a column of times, in its name or under it."""
-    if name not in lines.names:
-        return False
-    unit = known_unit(lines.units[lines.names.index(name)]) or unit_in_name(name)
-    return unit in UNITS["time"]
+    return name in lines.names and _unit_said(lines, name) in UNITS["time"]
+
+
+def _unit_said(lines: Scan, name: str) -> str | None:
+    """The unit of a column that a log names, in its name or under it."""
+    return known_unit(lines.units[lines.names.index(name)]) or unit_in_name(name)
 
 
 def _sentence(count: int, what: str, line: int) -> str:

@@ -144,6 +144,7 @@ def _run(
     started_at = None
     if log.clock.is_dated:
         started_at = datetime.fromtimestamp(round(log.origin_s + zero_s, 6), UTC).isoformat().replace("+00:00", "Z")
+    degrees = {sensor.columns[key][0] for key in ("temperature", "die_temperature") if key in sensor.columns}
     stated = {key: value for name in _references(sensor, map_) for key, value in name.as_reference.items()}
     document = run_document(
         "",
@@ -165,6 +166,7 @@ def _run(
             "sensor": sensor.name,
             # A check that doubts the unit of times need not, where the log says it.
             "times": "dates" if log.clock.is_dated else log.clock.known,
+            **({"temperatures": "named"} if degrees and degrees <= log.named else {}),
         },
     )
     if stated and air:

@@ -25,6 +25,7 @@ from made_up_logs import (
     written,
 )
 
+from shockrig.analysis.checks.campaign_checks import check_campaign
 from shockrig.files.campaign import read_campaign
 from shockrig.files.unit_names import quantity_of
 from shockrig.protocols.cli import main
@@ -74,6 +75,22 @@ def test_columns_that_differ_in_nothing_but_their_unit_are_two_sensors_where_the
     lines = lines_of("time_s,Set Temp (C),Temp (C)", lambda t, a, b, n: f"{t:.2f},{35 if t > 80.0 else 22},{a:.2f}")
     look = look_at([written(tmp_path / "set.csv", text(lines))], tmp_path / "set.toml")
     assert len(look.map.sensors) == 1 and "Set Temp (C)" in look.unused[0]
+
+
+@pytest.mark.parametrize("header", ["time_s,Temp [°C]", "time_s,temp"])
+def test_a_hot_end_is_in_the_unit_that_its_log_names(tmp_path, capsys, header):
+    """From 235 to 275 degC and back, as kelvin could be: they are where nobody says otherwise."""
+    unit = " C" if "[" not in header else ""
+    lines = lines_of(header, lambda t, a, b, n: f"{t:.2f},{235.0 + 40.0 * (a - 22.0) / 13.0:.2f}{unit}")
+    log = written(tmp_path / "log.csv", text(lines))
+    assert run(log, "--look", "--out", tmp_path) == 0 and "impossible" not in capsys.readouterr().out
+    assert run(log, "--map", tmp_path / "log.toml", "--out", tmp_path / "c") == 0
+    campaign = read_campaign(tmp_path / "c")
+    assert campaign.runs[0].imet.values["temperature_c"][-1] == pytest.approx(275.0, abs=0.5)
+    assert campaign.runs[0].extra["imported"]["temperatures"] == "named"
+    assert "kelvin" not in [one.kind for one in check_campaign(campaign)]
+    log.write_text(log.read_text().replace(header, "time_s,temp").replace(" C\n", "\n"))
+    assert 'temperature_unit = "K"' in look_at([log], tmp_path / "other.toml").text
 
 
 def test_logs_of_one_layout_tell_together_whether_the_day_comes_first(tmp_path):
