@@ -39,7 +39,7 @@ BEGUN_COUNT, RUNNING_COUNT, FINISHED_COUNT = 12, 5, 2
 STARTS_EACH = 2  # of a candidate, the best to first order
 QUICK_STEPS, FURTHER_STEPS = 3, 5  # steps of Gauss and Newton, before a fit to its end
 WITHIN_REACH = 3.0  # nats that a candidate's promise to first order may lack and that its fit may bring
-MOST_FITS = 600
+MOST_FITS = 400
 
 
 @dataclass(frozen=True)
@@ -144,10 +144,23 @@ class Race:
         )
         return [*entered, *itertools.islice(others, max(RUNNING_COUNT - len(entered), 0))]
 
+    def _beside_part(self, near: Rated, effect: str) -> BesideModel | None:
+        """The largest part of a model beside which a candidate has been fitted, the best of those as large."""
+        parts = (place for place in self.places.values() if place.near.ids < near.ids and effect in place.fits)
+        return max(parts, key=lambda place: (len(place.near.ids), place.near.value), default=None)
+
     def _begun(self, near: Rated, one: Candidate, starts: Starts, far: bool) -> list[Rated]:
-        """A few steps of a model with a candidate more, from each of its starts, the best first."""
+        """A few steps of a model with a candidate more, the best first: from where that came to beside a part of the
+        model, or else from each of the candidate's starts."""
         problem, found, channel = self.problem, near.fit, self.problem.channel
         structure = found.structure.adding(one.effect)
+        part = self._beside_part(near, one.effect.id)
+        if part is not None:
+            there = part.fits[one.effect.id][0].fit
+            values = {p.name: there.choice[f"{one.effect.id}.{p.name}"] for p in one.effect.parameters}
+            rates = found.log_rates + there.log_rates - part.near.fit.log_rates
+            theta = Model(channel, structure).start(rates, found.choice | by_name(one.effect, values))
+            return [self.fitted(structure, theta, found.deviations, QUICK_STEPS)]
         model, anew = Model(channel, structure), begun_anew(problem, found)
         begins = []
         for start in starts:

@@ -6,9 +6,13 @@ import pytest
 from small_worlds import small_plan
 
 from shockrig.analysis.diagnose import race as racing
+from shockrig.analysis.diagnose.candidates import candidates
 from shockrig.analysis.diagnose.open_questions import left_open
 from shockrig.analysis.diagnose.prepare import prepare
+from shockrig.analysis.diagnose.race import Race
+from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.diagnose.search import search
+from shockrig.analysis.estimate.fit import MOST_STEPS
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.batch import simulate_campaign
@@ -87,3 +91,28 @@ def test_a_search_begun_from_the_end_of_one_at_its_limit_leads_further(tmp_path,
     further = search(ready.problem, ready.structure, named, describing=False)
     assert further.best.ids == {"stem_conduction", "finite_transfer"}
     assert further.best.value > first.best.value + 100.0
+
+
+def test_beside_a_larger_model_a_candidate_begins_where_it_came_to_beside_a_part_of_it(ready, monkeypatch):
+    """All its starts were tried anew beside each model that a search came through: two fits in three."""
+    among = [one for one in candidates(ready.problem.channel) if one.form is None]
+    race = Race(ready.problem, ready.structure, among)
+    plain = race.keep(race.rated(plain_fit(ready.problem, ready.structure)))
+    larger = race.forward(plain, among)
+    begun = dict[str, int]()
+
+    def counted(self, structure, theta, deviations, steps=MOST_STEPS):
+        new = set(structure.ids) - larger.ids
+        begun["".join(new)] = begun.get("".join(new), 0) + (len(new) == 1 and larger.ids < set(structure.ids))
+        return fitted(self, structure, theta, deviations, steps)
+
+    fitted = Race.fitted
+    monkeypatch.setattr(Race, "fitted", counted)
+    tried = set(race.beside(plain).fits)
+    race.forward(larger, [one for one in among if one.effect.id in tried])
+    again = set(race.beside(larger).fits)
+    assert len(again) >= 3 and again <= tried and all(begun[effect] == 1 for effect in again)
+    # What no part has been tried with may be told by any of its starts.
+    race.forward(larger, [one for one in among if one.effect.id not in tried])
+    new = race.beside(larger).fits.keys() - again
+    assert new and all(begun[effect] > 1 for effect in new)
