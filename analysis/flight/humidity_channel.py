@@ -139,7 +139,8 @@ def unseen(
     level = np.maximum(humidity[first], LEAST_PERCENT)
     log_saturation = np.log(saturation_pressure_hpa(temperature_c))
     size = level * np.abs(np.diff(log_saturation[ends], axis=1)).sum(axis=1)
-    moved, read = level * _beside(log_saturation, ends), _beside(humidity, ends)
+    thirds_s = np.diff(time_s[ends], axis=1)
+    moved, read = level * _beside(log_saturation, ends, thirds_s), _beside(humidity, ends, thirds_s)
     per_k = np.log(saturation_pressure_hpa(temperature_c[first] + 1.0)) - log_saturation[first]
     unsure = level * per_k * np.median(sigma_k[ends], axis=1)
     share = max(shown, largest_share(response, rows * period))
@@ -180,10 +181,11 @@ def _rows(response: LagResponse, period: float, shown: float) -> int:
     return rows
 
 
-def _beside(values: Array, ends: NDArray[np.int64]) -> Array:
-    """Changes over the middle third of each window, beside half of those over the thirds before and after."""
-    before, first, last, after = values[ends].T
-    return np.asarray((last - first) - 0.5 * ((first - before) + (after - last)))
+def _beside(values: Array, ends: NDArray[np.int64], thirds_s: Array) -> Array:
+    """Changes over the middle third of each window, beside what the thirds before and after would make of as long a
+    time; they last `thirds_s` (w, 3)."""
+    before, middle, after = np.diff(values[ends], axis=1).T
+    return np.asarray(middle - (before + after) * thirds_s[:, 1] / (thirds_s[:, 0] + thirds_s[:, 2]))
 
 
 def _own(
@@ -501,7 +503,7 @@ def _of_temperature(readings: FlightReadings, air: Array, error: Array, bead: Fl
     time_s, usable = readings.time_s, readings.usable
     level = np.interp(time_s, time_s[usable], readings.reading[usable])
     percent_per_k = level * saturation_slope(air)
-    error = np.hypot(error, _misplaced(air, bead.screened.usable))
+    error = np.hypot(error, _misplaced(time_s, air, bead.screened.usable))
     coupling = _coupling(time_s, level, air, error, percent_per_k, readings.response)
     passing = Passing(percent_per_k * error, bead.resolved_rate, coupling)
     # a reading whose temperature is not known is none of vapour
@@ -659,12 +661,17 @@ def _as_read(channel: FlightChannel, raw: Array, rows: NDArray[np.bool_], notes:
     return replace(channel, value=value, uncertainty=uncertainty, common=common, raw=channel.raw | rows)
 
 
-def _misplaced(temperature_c: Array, read: NDArray[np.bool_]) -> Array:
+def _misplaced(time_s: Array, temperature_c: Array, read: NDArray[np.bool_]) -> Array:
     """How far off (n,) a temperature is whose corners and jumps are misplaced by half a sample; 0 on straight lines.
 
     Where it was not `read` (n,), they may lie anywhere in the gap.
     """
-    off = np.abs(np.diff(np.pad(temperature_c, 1, mode="edge"), 2)) / 2.0
+    lasting = np.maximum(np.diff(time_s), np.finfo(float).tiny)
+    pace = np.diff(temperature_c) / lasting
+    # of the line between the readings before and behind, as far as each is from it
+    off = np.zeros(time_s.shape)
+    off[1:-1] = np.abs(np.diff(pace)) * lasting[:-1] * lasting[1:] / (lasting[:-1] + lasting[1:])
+    off[[0, -1]] = 0.5 * np.abs(np.diff(temperature_c)[[0, -1]])
     gap = binary_dilation(~read)
     if not gap.any():
         return off
@@ -672,8 +679,8 @@ def _misplaced(temperature_c: Array, read: NDArray[np.bool_]) -> Array:
     edges = np.flatnonzero(np.diff(gap.astype(int), prepend=0, append=0))
     first, last = edges[::2], edges[1::2] - 1
     # half of what it went over the gap and neither of the slopes beside it explains
-    step, count = np.diff(np.pad(temperature_c, 1, mode="edge")), last - first
-    beside = np.stack([step[first], step[last + 1], np.zeros(first.size)]) * count
+    pace = np.pad(pace, 1)
+    beside = np.stack([pace[first], pace[last + 1], np.zeros(first.size)]) * (time_s[last] - time_s[first])
     across = temperature_c[last] - temperature_c[first]
     beyond = np.maximum(across - beside.max(axis=0), beside.min(axis=0) - across)
     most = np.maximum(0.5 * beyond, 0.0)

@@ -395,7 +395,7 @@ def screen(
     by_steps = stairs(reading[np.flatnonzero(believed)], resolution, noise)
     spikes = implausible & (reading >= possible.low) & (reading <= possible.high)
     surely = lagging if lagging is None or known is None else np.where(known, lagging, np.nan)
-    stretches = judge(reading, believed, resolution, noise, share, swing, surely, spikes, felt)
+    stretches = judge(reading, _place(time_s), believed, resolution, noise, share, swing, surely, spikes, felt)
     implausible |= stretches.from_elsewhere
     believed &= ~implausible
     if implausible.any() and resolution_of(reading[believed]) > (1.0 + OFF_GRID) * resolution:
@@ -435,6 +435,13 @@ def screen(
     ahead = np.diff(time_s, prepend=time_s[:1])
     changed = np.where(ahead < LONGEST_GAP_S, stretches.own_steps, 0.0)
     return Screened(usable, missing, repeated, implausible, resolution, stretches.louder, capped, changed)
+
+
+def _place(time_s: Array) -> NDArray[np.int64]:
+    """Where rows (n,) would stand in a log that has lost none, by the usual time between two."""
+    step = np.diff(time_s, prepend=time_s[:1])
+    usual = float(np.median(step[step > 0.0])) if (step > 0.0).any() else np.inf
+    return np.cumsum(np.maximum(np.round(step / usual), 1.0)).astype(np.int64)
 
 
 def _lone(values: Array, again: Mask, of_air: Mask, noise: float, resolution: float) -> Mask:

@@ -109,6 +109,7 @@ def largest_share(response: LagResponse, period_s: float) -> float:
 
 def judge(
     reading: Array,
+    place: NDArray[np.int64],
     believed: Mask,
     resolution: float,
     noise: float,
@@ -122,6 +123,8 @@ def judge(
 
     Parameters
     ----------
+    place : ndarray (n,)
+        Of each in a log that has lost no row.
     noise : float
         Standard deviation of single readings, as stated.
     share : float
@@ -145,7 +148,7 @@ def judge(
     if share > MOST_SHARE:
         least = FARTHEST_SWINGS * swing
     stuck = stuck_rows(reading[rows], resolution, noise, scatter(reading[rows]))
-    rows, lone = _of_this_sensor(rows, reading, lagging, least, swing, share, stuck)
+    rows, lone = _of_this_sensor(rows, reading, place, lagging, least, swing, share, stuck)
     found.from_elsewhere[:] = believed
     found.from_elsewhere[rows] = False
     if rows.size < 2 * WINDOW_ROWS:
@@ -176,7 +179,7 @@ def judge(
     if share <= MOST_SHARE:
         # of a sensor in a burst, or one that was stuck, a jump is no change
         odd = maximum_filter1d((found.louder[rows] > 1.0) | held | found.stood[rows], 3)
-        changed = lone[~odd[lone] & (np.diff(rows, prepend=-1)[lone] == 1)]
+        changed = lone[~odd[lone] & (np.diff(place[rows], prepend=-1)[lone] == 1)]
         found.own_steps[rows[changed]] = values[changed] - values[changed - 1]
     return found
 
@@ -184,6 +187,7 @@ def judge(
 def _of_this_sensor(
     rows: NDArray[np.int64],
     reading: Array,
+    place: NDArray[np.int64],
     lagging: Array | None,
     least: float,
     swing: float,
@@ -193,12 +197,13 @@ def _of_this_sensor(
     """Of some rows (m,), at some of which the sensor was `stuck` (m,), those that are not from elsewhere, in what is
     read and in what lags; and, among these, the first behind jumps that none goes back from."""
     while True:
-        elsewhere, lone = _elsewhere(rows, reading[rows], least, swing, share, stuck, lagging is None)
+        elsewhere, lone = _elsewhere(place[rows], reading[rows], least, swing, share, stuck, lagging is None)
         if lagging is not None and (elsewhere.any() or lone.size):
             known = np.flatnonzero(np.isfinite(lagging[rows]))
             also, alone = elsewhere[known], lone[:0]
             if known.size >= 2 * WINDOW_ROWS:
-                also, alone = _elsewhere(rows[known], lagging[rows[known]], least, swing, share, stuck[known])
+                which = rows[known]
+                also, alone = _elsewhere(place[which], lagging[which], least, swing, share, stuck[known])
             # of two ends one that the readings jump at is enough: at the other they stood as what lags had to move
             ends = np.flatnonzero(np.diff(also, prepend=False, append=False))
             for first, behind in ends.reshape(-1, 2):
@@ -305,7 +310,7 @@ def _scatter(values: Array, order: int, window: int) -> Array:
 
 
 def _elsewhere(
-    rows: NDArray[np.int64],
+    place: NDArray[np.int64],
     values: Array,
     least: float,
     swing: float,
@@ -313,12 +318,12 @@ def _elsewhere(
     stuck: Mask,
     in_degc: bool = False,
 ) -> tuple[Mask, NDArray[np.int64]]:
-    """Readings (n,) at some rows, between a jump of more than `least` and one back that no lag lets through, or between
-    two of more than `swing` that no air makes; and those before or behind one such jump that the lag does not let
-    through either, whichever are fewer. A sensor that was `stuck` (n,) jumps as it goes on: no stretch begins there.
-    Readings that are `in_degc` may be in degF for a while. And the first readings behind jumps that no lag lets through
-    and none goes back from."""
-    step, apart = np.diff(values), np.diff(rows)
+    """Readings (n,) at some places, between a jump of more than `least` and one back that no lag lets through, or
+    between two of more than `swing` that no air makes; and those before or behind one such jump that the lag does not
+    let through either, whichever are fewer. A sensor that was `stuck` (n,) jumps as it goes on: no stretch begins
+    there. Readings that are `in_degc` may be in degF for a while. And the first readings behind jumps that no lag lets
+    through and none goes back from."""
+    step, apart = np.diff(values), np.diff(place)
     size = np.abs(step)
     usual = MAD_TO_SIGMA * float(np.median(size))
     beside = largest_beside(size)
