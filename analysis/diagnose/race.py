@@ -46,11 +46,13 @@ MOST_FITS = 400
 class BesideModel:
     """What is known of candidates beside one model, by effect: the same whatever else is tried there.
 
-    `promised` is what each promises to first order, `groups` are forms in the group of runs in which they promise most;
-    `fits` are their fits so far, the best first; `ended` are those whose best has been fitted to its end.
+    `far` is whether the model leaves so much that the runs' own deviations mean little, `promised` what each promises
+    to first order, `groups` are forms in the group of runs in which they promise most; `fits` are their fits so far,
+    the best first; `ended` are those whose best has been fitted to its end.
     """
 
     near: Rated
+    far: bool
     promised: dict[str, Screened] = field(default_factory=dict)
     groups: list[Candidate] = field(default_factory=list)
     fits: dict[str, list[Rated]] = field(default_factory=dict)
@@ -99,7 +101,10 @@ class Race:
 
     def beside(self, near: Rated) -> BesideModel:
         """What is known so far of candidates beside a model."""
-        return self.places.setdefault(id(near.fit), BesideModel(near))
+        if id(near.fit) not in self.places:
+            far = near.score.discrepancy > FAR_DISCREPANCY or plainly_wrong(self.problem, near.fit)
+            self.places[id(near.fit)] = BesideModel(near, far)
+        return self.places[id(near.fit)]
 
     def screened(self, near: Rated, among: Sequence[Candidate]) -> list[Screened]:
         """Candidates with their starts and what the best of these promises to first order [nats], best first."""
@@ -145,8 +150,9 @@ class Race:
         return [*entered, *itertools.islice(others, max(RUNNING_COUNT - len(entered), 0))]
 
     def _beside_part(self, near: Rated, effect: str) -> BesideModel | None:
-        """The largest part of a model beside which a candidate has been fitted, the best of those as large."""
-        parts = (place for place in self.places.values() if place.near.ids < near.ids and effect in place.fits)
+        """The largest part of a model beside which a candidate has been fitted, the best of those as large; none that
+        is far from the runs, since a candidate takes there what others explain."""
+        parts = (one for one in self.places.values() if one.near.ids < near.ids and effect in one.fits and not one.far)
         return max(parts, key=lambda place: (len(place.near.ids), place.near.value), default=None)
 
     def _begun(self, near: Rated, one: Candidate, starts: Starts, far: bool) -> list[Rated]:
@@ -202,8 +208,8 @@ class Race:
         key = (near.ids, frozenset(c.effect.id for c in open_to))
         if key in self.done or self.ended or not open_to:
             return self.done.get(key)
-        far = near.score.discrepancy > FAR_DISCREPANCY or plainly_wrong(self.problem, near.fit)
-        entered, place = self._entered(self.screened(near, open_to), far), self.beside(near)
+        place = self.beside(near)
+        far, entered = place.far, self._entered(self.screened(near, open_to), place.far)
         for one, starts in entered:
             if one.effect.id not in place.fits:
                 place.fits[one.effect.id] = self._begun(near, one, starts, far)
