@@ -39,7 +39,7 @@ BEGUN_COUNT, RUNNING_COUNT, FINISHED_COUNT = 12, 5, 2
 STARTS_EACH = 2  # of a candidate, the best to first order
 QUICK_STEPS, FURTHER_STEPS = 3, 5  # steps of Gauss and Newton, before a fit to its end
 WITHIN_REACH = 3.0  # nats that a candidate's promise to first order may lack and that its fit may bring
-MOST_FITS = 400
+MOST_FITS = 600
 
 
 @dataclass(frozen=True)
