@@ -302,8 +302,11 @@ def scatter(values: Array, window: int = WINDOW_ROWS) -> Array:
 
 
 def _scatter(values: Array, order: int, window: int) -> Array:
-    """Robust standard deviation (n,) of the differences of some order in the rows around each."""
+    """Robust standard deviation (n,) of the differences of some order in the rows around each; none where there are too
+    few rows for one."""
     size = np.abs(np.diff(values, n=order))
+    if not size.size:
+        return np.zeros(values.shape)
     around = MAD_TO_SIGMA * median_filter(size, window, mode="mirror")
     ahead = (values.size - around.size) // 2
     return np.pad(around, (ahead, values.size - around.size - ahead), mode="edge")

@@ -74,6 +74,17 @@ def test_a_log_of_a_row_in_minutes_has_its_page(folder):
     assert "−5/3" in (folder / "out.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize("rows", [2, 3, 4, 5])
+def test_a_log_that_ends_after_a_few_rows_is_given_as_it_came(folder, flown, capsys, rows):
+    """Two or three are too few for the differences by which noise is judged, and were a traceback."""
+    flown.log[:rows].to_csv(folder / "flight.csv", index=False)
+    assert run(folder, page=True) == 0
+    assert "too few usable samples" in capsys.readouterr().err
+    given, read = pd.read_csv(folder / "out.csv"), flown.log[:rows]
+    assert np.allclose(given["temperature_corrected_c"], read["temperature_c"], atol=1e-4)
+    assert given["flags"].str.contains("not_corrected").all()
+
+
 def test_every_column_and_row_is_kept_as_it_came_and_the_new_ones_follow(folder, flown):
     rows = cells(folder / "flight.csv")
     rows[0] += ["remark", "battery_v"]
