@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.files.flight import NAMES
-from shockrig.files.unit_names import UNITS, bare_name, is_called_time, known_unit, quantity_of, squeeze, unit_in_name
+from shockrig.files.unit_names import UNITS, bare_name, is_called_time, quantity_of, squeeze
 from shockrig.rig.logs.clock_columns import guess_clock
 from shockrig.rig.logs.known import SensorGuess, adjust
 from shockrig.rig.logs.mapping import COLUMNS
 from shockrig.rig.logs.stamps import NUMBERS, TimeColumns
-from shockrig.rig.logs.text import NUMBER, Scan, is_value, unit_in_cells
+from shockrig.rig.logs.text import NUMBER, Scan, is_value, unit_said
 
 Array = NDArray[np.float64]
 
@@ -53,7 +53,7 @@ def guess_log(lines: Scan) -> Guess:
         if name in times:
             continue
         values = _numbers([row[k] for row in rows], lines.decimal)
-        named = known_unit(lines.units[k]) or unit_in_name(name) or unit_in_cells([row[k] for row in rows])
+        named = unit_said(lines, k, rows)
         quantity = _position(name) or quantity_of(name, named)
         if quantity is None or quantity == "time":
             unused.append((name, _why_no_reading(clock, name, k, lines, rows)))

@@ -21,13 +21,13 @@ from shockrig.files.flight_cells import plain_numbers
 from shockrig.files.ranges import RANGES, Range
 from shockrig.files.sentinels import unread
 from shockrig.files.spelling import did_you_mean
-from shockrig.files.unit_names import UNITS, known_unit, unit_in_name
+from shockrig.files.unit_names import UNITS
 from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.logs.clock_columns import guess_clock
 from shockrig.rig.logs.lines import Index, Lines
 from shockrig.rig.logs.order import in_order
 from shockrig.rig.logs.stamps import NUMBERS, OF_DAY, TimeColumns, in_seconds, parsed
-from shockrig.rig.logs.text import BEHIND, NO_NUMBER, Layout, Scan, scan, unit_in_cells
+from shockrig.rig.logs.text import BEHIND, NO_NUMBER, Layout, Scan, scan, unit_said
 
 Array = NDArray[np.float64]
 
@@ -144,9 +144,8 @@ def read_rows(
     time_s, origin_s = in_seconds(clock, stamps_read, stamp, len(lines.rows), where)
     values: dict[str, Array] = {}
     some = lines.sample()
-    in_cells = {name: unit_in_cells([row[place] for row in some]) for place, name in enumerate(lines.names)}
-    said_by = {column.name: _unit_said(lines, column.name) or in_cells[column.name] for column in columns}
-    named = frozenset(column.name for column in columns if said_by[column.name] == column.unit)
+    places = {name: place for place, name in enumerate(lines.names)}
+    named = frozenset(one.name for one in columns if unit_said(lines, places[one.name], some) == one.unit)
     for column in columns:
         values[column.name], said = _checked(read.pop(column.name), column, lines, column.name in named)
         remarks += said
@@ -316,12 +315,7 @@ def _checked(read: _Read, column: Column, lines: Scan, named: bool) -> tuple[Arr
 
 def _names_unit(lines: Scan, name: str) -> bool:
     """Whether a log names the unit of a column of times, in its name or under it."""
-    return name in lines.names and _unit_said(lines, name) in UNITS["time"]
-
-
-def _unit_said(lines: Scan, name: str) -> str | None:
-    """The unit of a column that a log names, in its name or under it."""
-    return known_unit(lines.units[lines.names.index(name)]) or unit_in_name(name)
+    return name in lines.names and unit_said(lines, lines.names.index(name)) in UNITS["time"]
 
 
 def _sentence(count: int, what: str, line: int) -> str:
