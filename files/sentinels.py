@@ -64,7 +64,7 @@ NEAR_SENTINEL = 1e-6  # relative, and 1e-4 in the quantity's unit: digits that a
 FAR_STEPS = 2.0  # times what nine of ten readings differ from the next by
 LEAST_JUMP = 1.0  # in the quantity's unit
 LARGEST_MEASURED = 1e25  # in whatever unit: nothing that flies measures so much, and sums of squares still hold it
-LEAST_COURSE = 5  # readings in a row: as few as a step must have for the import to look at it (rig/logs/steps.py)
+LEAST_COURSE = 5  # readings in a row: as few as a run of a log needs before its step
 JUMP_STEPS = 20.0  # times what readings usually differ from the next by
 
 

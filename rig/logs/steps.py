@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.files.numbers import short
+from shockrig.files.sentinels import LEAST_COURSE
 from shockrig.rig.logs.changes import ChangePoint, LogPiece, find_changes
 from shockrig.rig.logs.onset import StepOnset, fit_onset
 from shockrig.rig.logs.stages import count_stages, first_stage
@@ -29,7 +30,7 @@ RETURNED_SHARE = 0.25  # of the readings after it may lie nearer to the level be
 STAYS_T63, STAYS_READINGS = 10.0, 20  # after it has settled, in which that is judged: what drifts back is slower
 RAMP_SHARE = 0.5  # of the stretch to the next step, taken by 63 % of the way: it did not slow down
 MANY_STAGES = 3  # that one transfer does not make
-READINGS_BEFORE, READINGS_AFTER = 5, 10  # that a run needs
+READINGS_BEFORE, READINGS_AFTER = LEAST_COURSE, 10  # that a run needs
 
 
 @dataclass(frozen=True)
