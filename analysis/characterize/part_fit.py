@@ -36,7 +36,7 @@ from shockrig.analysis.estimate.noise import Noise, whiteners
 from shockrig.analysis.estimate.predictive import as_stated, bumps, score
 from shockrig.analysis.estimate.problem import UNVENTILATED_LIMIT, Problem, make_problem
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, RunEffect
-from shockrig.analysis.estimate.seen import by_themselves
+from shockrig.analysis.estimate.seen import by_themselves, crossings
 from shockrig.files.causes import StatedEffect
 from shockrig.files.diagnosis import read_diagnosis
 from shockrig.files.diagnosis_data import Discovered
@@ -304,6 +304,7 @@ def joint_rows(
     looked_at = scattered or missed
     apart = _apart(part) if looked_at else np.zeros(channel.ambients_c.size)
     shown = by_themselves(channel) if looked_at else {}
+    modelled = _modelled(part) if looked_at else {}
     rows: list[TableRow] = []
     undetermined: list[LeftOut] = []
     for g, (first, check) in enumerate(optima or [(None, None)] * channel.ambients_c.size):
@@ -320,8 +321,8 @@ def joint_rows(
             reason = _undetermined(channel, float(channel.ambients_c[g]), disagree, shown, misfits=part.misfits(noise))
             undetermined += [LeftOut(run, channel.name, reason) for run in runs]
             continue
-        own = [shown[run] for run in runs if run in shown]
-        far = np.maximum(apart[g], _off(own, response)) if missed else np.full(3, disagree)
+        own = {run: shown[run] for run in runs if run in shown}
+        far = np.maximum(apart[g], _off(own, modelled, response)) if missed else np.full(3, disagree)
         value = float(np.exp(found.theta[g]) * channel.length_m**2)
         rows.append(
             TableRow(
@@ -364,14 +365,44 @@ def _wider(response: ResponseTime, relative: Array | float) -> ResponseTime:
     return replace(response, standard_uncertainties_s=(first, second, third))
 
 
-def _off(shown: Sequence[tuple[float, float, float]], response: ResponseTime) -> Array:
+def _modelled(part: Part) -> dict[str, tuple[float, float, float]]:
+    """Times to 63 and 90 % [s] that the model's readings take since its start, each run at the common rate in the
+    surroundings that it was made in, and how long its record lasts [s]; without those that followed a measured air.
+
+    Readings count from the start that was recorded, so that a model that has it begin at another is off by that.
+    """
+    channel, found = part.channel, part.fit
+    deviations = found.deviations.copy()
+    deviations[:, [RunEffect.START, RunEffect.RATE]] = 0.0
+    theta = found.theta.copy()
+    theta[found.model.behind] *= [RunEffect.START not in one.moves for one in found.model.shared]
+    times: dict[str, tuple[float, float, float]] = {}
+    for i, reading in enumerate(found.model.predict(Point(theta, deviations))[0]):
+        there = channel.count[i] > 0
+        time, value = channel.time_s[i][there], reading[there]
+        if channel.air[i] is None and abs(value[-1] - value[0]) > channel.quantity.least_step:
+            (t63_s, t90_s), _ = crossings(time, (value - value[0]) / (value[-1] - value[0]))
+            times[channel.run_ids[i]] = t63_s, t90_s, float(time[-1])
+    return times
+
+
+def _off(shown: Shown, modelled: Shown, response: ResponseTime) -> Array:
     """How far times to 63, 90 and 98 % (3,) are, in their logarithms, from those that runs show by no model; the last
-    as the one before it."""
+    as the one before it.
+
+    What a run shows is in its own surroundings, and so is what it is compared with, but where a record ends before the
+    response: there the end of both is not the response's.
+    """
     if not shown:
         return np.zeros(3)
-    t63_s, t90_s, unsure = np.median(shown, axis=0)
-    first, second = abs(np.log(response.t63_s / t63_s)), abs(np.log(response.t90_s / t90_s))
+    off = []
+    for run, (*times_s, _) in shown.items():
+        *own_s, until_s = modelled.get(run, (0.0, 0.0, 0.0))
+        stated_s = own_s if until_s > response.t98_s else (response.t63_s, response.t90_s)
+        off.append(np.log(np.divide(stated_s, times_s)))
+    first, second = np.abs(np.median(off, axis=0))
     second = max(first, second)  # where the curves cross, a model is right by accident
+    unsure = float(np.median([u for *_, u in shown.values()]))
     return np.hypot([first, second, second], unsure)
 
 

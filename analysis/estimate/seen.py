@@ -57,7 +57,7 @@ def seen(channel: Channel) -> tuple[RunSeen, ...]:
         if abs(end - begin) < max(STEP_IN_NOISE * noise, channel.quantity.least_step):
             continue
         if air is None:
-            times_s, at_most = _crossings(since_seen(time), (value - begin) / (end - begin), bool(triggered))
+            times_s, at_most = crossings(since_seen(time), (value - begin) / (end - begin), bool(triggered))
             found.append(RunSeen(run, begin, end, times_s, None, at_most))
         else:
             (alone,) = follow([(time, value, air.time_s, channel.trace_of(air))], channel.quantity.resolution)
@@ -86,7 +86,7 @@ def by_themselves(channel: Channel) -> dict[str, tuple[float, float, float]]:
     return shown
 
 
-def _crossings(time: Array, share: Array, triggered: bool) -> tuple[tuple[float, float], bool]:
+def crossings(time: Array, share: Array, triggered: bool = True) -> tuple[tuple[float, float], bool]:
     """Times at which a share of the way is passed [s]: straight between the two readings around it, or that of the
     later where the first of them lies too far back. Fewest readings are then on the wrong side of it, so that a burst
     of noise is no crossing; where as few are between two such times, it is midway.
