@@ -5,6 +5,7 @@ campaign.py reads it from its folder, campaign_views.py shows it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -52,6 +53,14 @@ class Run:
     started_at: str | None = None
     misspelt: tuple[str, ...] = ()
     pressure_known: bool = True
+
+    @property
+    def step_seen(self) -> tuple[float, float] | None:
+        """When an import saw the step of a log that states no start, and the standard uncertainty of that [s]; None of
+        other runs."""
+        seen = tuple(self.extra.get(key) for key in ("step_seen_s", "step_seen_standard_uncertainty_s"))
+        told = [float(one) for one in seen if isinstance(one, int | float) and not isinstance(one, bool)]
+        return (told[0], told[1]) if len(told) == 2 and all(map(math.isfinite, told)) and told[1] > 0.0 else None
 
 
 @dataclass(frozen=True)

@@ -114,9 +114,8 @@ def zero_of(run: Run, trace: Trace) -> tuple[float, str]:
     """Where the time of a run without a fit is counted from [s on its clock], and what that is (a key of SINCE)."""
     if run.start_s is not None:
         return run.start_s, "transfer"
-    seen = run.extra.get("step_seen_s")
-    if isinstance(seen, int | float):
-        return float(seen), "step"
+    if run.step_seen is not None:
+        return run.step_seen[0], "step"
     return (float(trace.time_s[0]) if trace.time_s.size else 0.0), "first"
 
 

@@ -282,9 +282,13 @@ def _timed(run: Run, quantity: Quantity) -> UsableRun | str:
 
 
 def _found_start(run: Run) -> float | None:
-    """Start of a run that nobody triggered: the earliest that its sensors show."""
+    """Start of a run that nobody triggered: where its import saw it, which had the whole log and all of its sensors;
+    else the earliest that its own readings show."""
     traces = [(quantity.recorded(run), quantity.column) for quantity in _BOTH]
-    found = [_start_of(trace, column) for trace, column in traces if trace is not None]
+    recorded = [(trace, column) for trace, column in traces if trace is not None]
+    if run.step_seen is not None and any(trace.time_s[0] < run.step_seen[0] for trace, _ in recorded):
+        return run.step_seen[0]
+    found = [_start_of(trace, column) for trace, column in recorded]
     told = [start for start in found if start is not None]
     return min(told) if told else None
 
@@ -648,6 +652,7 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_
     start_known = np.array([run.start_s is not None for run in runs]) | driven
     airs_known = np.array([_airs_known(run, quantity) for run in runs])
     before_s = np.array([one.trace.time_s[0] - one.start_s if _begun_before(one) else 0.0 for one in usable])
+    start_to_s = np.array([_start_known_to(one, unknown_start) for one in usable])
     duration = np.array([np.nan if run.duration_s is None else run.duration_s for run in runs])
     ramp_ratio, ramp_own_s = _ramps(duration, driven)
     halves = [
@@ -666,7 +671,7 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_
         airflow_m_s=np.array([UNKNOWN_AIRFLOW_M_S if run.airflow_m_s is None else run.airflow_m_s for run in runs]),
         pressure_hpa=np.array([run.pressure_hpa for run in runs]),
         start_s=np.array([one.start_s for one in usable]),
-        start_scatter_s=np.where(start_known, TRIGGER_SCATTER_S, np.maximum(unknown_start, before_s)),
+        start_scatter_s=np.where(start_known, TRIGGER_SCATTER_S, np.maximum(start_to_s, before_s)),
         source_c_scatter=source_c_scatter,
         destination_c_scatter=destination_c_scatter,
         source_percent_scatter=source_percent_scatter,
@@ -683,6 +688,12 @@ def _conditions(usable: list[UsableRun], quantity: Quantity, tempo: float, half_
         order=np.arange(len(runs), dtype=float),
         hours=_hours(runs),
     )
+
+
+def _start_known_to(one: UsableRun, unknown_s: float) -> float:
+    """Standard uncertainty of a start that nobody stated [s]: the import's, where it is the import's."""
+    seen = one.run.step_seen
+    return seen[1] if seen is not None and seen[0] == one.start_s else unknown_s
 
 
 def _ramps(duration_s: Array, driven: NDArray[np.bool_]) -> tuple[Array, Array]:

@@ -49,6 +49,6 @@ def test_a_plunge_between_two_readings_has_a_bound_alone(tmp_path):
     log = next((REAL / "rbr").glob("*.csv"))
     assert main(["import", str(log), "--map", "rbr", "--out", str(tmp_path / "rbr")]) == 0
     campaign = read_campaign(tmp_path / "rbr" / "first")
-    assert "63 % of the way within 2.36 s" in seen_sentence(build_channel(campaign, "temperature"))
+    assert "63 % of the way within 2.00 s" in seen_sentence(build_channel(campaign, "temperature"))
     with pytest.raises(InputError, match="run shockrig diagnose, which tries other bodies"):
         characterize(campaign)
