@@ -1,7 +1,7 @@
 """How much the correction hangs on numbers of its own: each halved and doubled on the same flights.
 
     python benchmarks/flight_sensitivity.py [--seeds N] [--first-seed N] [--numbers NAME ...] [--kinds NAME ...]
-        [--out FILE.jsonl]
+        [--period-s S] [--out FILE.jsonl]
 
 Flights are kinds of flight_harm.py and damaged ones of fuzz_flights.py. Per number: error over the reading's (geometric
 mean over flights and channels), share of rows that the 95 % interval covers, channels more than 2 % worse than their
@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 from flight_harm import CHANNELS, SIGMAS, profile_of, rms
 from flight_kinds import KINDS
-from flight_worlds import fly
+from flight_worlds import changed, fly
 from fuzz_flights import WORSE, judged
 from resumed import scored
 
@@ -39,6 +39,7 @@ SMOOTHER = (
     "columns.CHANGE", "columns.NOTHING", "columns.CUT", "columns.ALL_NOTHING", "columns.ALL_WARM", "columns.ALL_ODD",
     "columns.WARM_C", "columns.SURE", "columns.LEVEL_ROWS", "columns.CHAINS",
     "smooth_channel.LEAST_CALM",
+    "ramps.PLACES", "ramps.CORNER_SHARE", "ramps.LONGEST_RAMP",
     "smooth_channel.PLACES_IN_GAP", "smooth_channel.COMPARABLE_SHARE", "smooth_channel.MOST_SURPRISE",
     "stretches.LEAST_TURNED",
     "stretches.FELT_SHARE", "sweep.GAP_NODES", "screen.FELT_SIGMAS", "screen.ON_THE_WAY", "screen.STOOD_SHARE",
@@ -97,9 +98,10 @@ class Changed:
         self._set(self.own)
 
 
-def flown(kind: str, seed: int, method: str) -> list[dict]:
-    """Both channels of a flight of flight_harm.py."""
+def flown(kind: str, seed: int, method: str, period_s: float | None = None) -> list[dict]:
+    """Both channels of a flight of flight_harm.py, its rows `period_s` apart if that is given."""
     world = KINDS["up and down" if kind == LATE else kind](np.random.default_rng([seed, zlib.crc32(kind.encode())]))
+    world = world if period_s is None else changed(world, period_s=period_s)
     flight = fly(world, seed)
     if kind == LATE:
         rows = np.arange(flight.log["time_s"].size)
@@ -149,6 +151,7 @@ def main() -> int:
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--numbers", nargs="+", default=[*SMOOTHER, *CAUSAL])
     parser.add_argument("--kinds", nargs="+", default=[*FLOWN, *DAMAGED], choices=[*KINDS, LATE, *DAMAGED])
+    parser.add_argument("--period-s", type=float, help="between rows of the flights that are not damaged")
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
     warnings.simplefilter("ignore")
@@ -157,10 +160,10 @@ def main() -> int:
         method = "causal" if number in CAUSAL or number == "causal as it is" else "smoother"
         named = {"number": number, "factor": factor, "kind": kind, "seed": seed}
         if factor == 1.0:
-            lines = damaged(kind, seed) if kind in DAMAGED else flown(kind, seed, method)
+            lines = damaged(kind, seed) if kind in DAMAGED else flown(kind, seed, method, args.period_s)
         else:
             with Changed(number, factor):
-                lines = damaged(kind, seed) if kind in DAMAGED else flown(kind, seed, method)
+                lines = damaged(kind, seed) if kind in DAMAGED else flown(kind, seed, method, args.period_s)
         return [named | line for line in lines]
 
     jobs = []

@@ -535,7 +535,9 @@ def _as_before(
     back, both as no air would or the other sensor shows; and these moves."""
     found: list[OddMove] = []
     unsure, itself, rows = np.zeros(value.shape), np.zeros(value.shape, dtype=bool), _remembered(readings)
-    size = np.maximum(np.abs(value), np.finfo(float).tiny) if in_proportion else np.ones(value.shape)
+    # a value that was held at 0 has no proportion: so small that the quotient of any two is still a double
+    least = float(np.sqrt(np.finfo(float).tiny))
+    size = np.maximum(np.abs(value), least) if in_proportion else np.ones(value.shape)
     lagging = np.nan_to_num(np.abs(value - own))
     for gone_at, back_at in there_and_back(odd, rows):
         first, way = gone_at.start, odd[gone_at.start]

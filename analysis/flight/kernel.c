@@ -276,6 +276,7 @@ INLINE void run_window(const Task *t, Py_ssize_t window, double *kept, const int
             }
         }
         t->cost[at] = seen ? 0.5 * (log(s) + v * v / s) : 0.0;
+        t->surprise[at] = seen ? v / sqrt(s) : NAN;
     }
     if (!t->backward) return;
 
@@ -332,7 +333,6 @@ INLINE void run_window(const Task *t, Py_ssize_t window, double *kept, const int
         t->clean[at] = dot(c, keep, n) - pull[1];
         t->variance[at] = fmax(keep[3 * n + 2] - of[0], 0.0);
         t->clean_variance[at] = fmax(dot(c, pc, n) - of[1], 0.0);
-        t->surprise[at] = isfinite(s) ? v / sqrt(s) : NAN;
         for (int kind = 0; t->leaps && kind < 2; kind++) {
             const double hold = fmax(of[2 + kind], 1e-300), by = k ? pull[2 + kind] : 0.0;
             t->size[2 * at + kind] = -by / hold;

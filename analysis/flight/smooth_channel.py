@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -21,6 +21,7 @@ from shockrig.analysis.flight.air_prior import (
     without_wave,
 )
 from shockrig.analysis.flight.likeliest import likeliest
+from shockrig.analysis.flight.ramps import LONGEST_RAMP, NEIGHBOURS, Break, told_of_breaks
 from shockrig.analysis.flight.response import LagResponse
 from shockrig.analysis.flight.smoother import Jumps
 from shockrig.analysis.flight.stretches import MOST_SHARE, largest_beside, largest_share
@@ -51,12 +52,10 @@ LOOK_BACK, LOOK_AHEAD = 60, 150  # samples that a jump's place is judged by
 APART_SAMPLES = 5  # samples
 TINY_SHARE = 1e-3  # of a reading's variance, that the others leave of it at least
 COMPARABLE_SHARE = 0.5  # of the largest score within LOOK_BACK
-NEIGHBOURS = (-1, 0, 1)  # samples about the one found
 WIDEST_IN_NOISE = 1e4  # times the noise: beyond, a double's digits do not reach from one to the other
 BETWEEN_SAMPLES = (-0.075, -0.05, -0.025, 0.0, 0.025, 0.05, 0.075)  # about the best of them
 SETTLED_LAGS = 4.0  # time constants after which a jump's place no longer shows
 LONGEST_HIDDEN = 10  # samples
-RAMP_SAMPLES = (2, 4, 7, 12, 20)  # samples: half of what a change may take that looks like a jump
 PLACES_IN_STEP = (0.1, 0.3, 0.5, 0.7, 0.9)  # shares of the step
 KNOWN_SIGMAS = 2.0
 KNOWN_APART = 3.0  # samples within which a jump that another sensor saw is the same one
@@ -72,10 +71,21 @@ def none(count: int) -> Jumps:
 
 
 def when(track: Track, jumps: Jumps) -> Array:
-    """Times [s] of the jumps of the air itself, of none that is somewhere in a gap; of one just before or behind a
-    reading that is between both."""
-    first, behind = np.flatnonzero(np.diff(jumps.variance[:, 0] > 0.0, prepend=False, append=False)).reshape(-1, 2).T
-    nodes = np.stack([first, behind - 1])[:, behind - first <= 2]
+    """Times [s] of the jumps of the air itself, of none that is somewhere in a gap, or likelier a ramp; of one just
+    before or behind a reading that is between both."""
+    level, bend = jumps.variance.T
+    first, behind = np.flatnonzero(np.diff(level > 0.0, prepend=False, append=False)).reshape(-1, 2).T
+    bends = np.flatnonzero(bend > 0.0)
+    found = []
+    for a, b in zip(first.tolist(), behind.tolist(), strict=True):
+        if b - a > 2 or bend[a:b].any():  # what a bend may be misplaced by is no jump
+            continue
+        before, after = bends[bends < a][:, None], bends[bends >= b]
+        lasting = track.time_s[after] - track.time_s[before]
+        gone = np.where(lasting <= LONGEST_RAMP * track.period_s, lasting, 0.0) ** 2
+        if level[a:b].sum() >= np.max(gone * np.minimum(bend[before], bend[after]), initial=0.0):
+            found.append((a, b - 1))
+    nodes = np.array(found, dtype=np.int64).reshape(-1, 2).T
     return np.asarray((track.time_s[nodes] - (1.0 - jumps.place[nodes]) * track.period_s).mean(axis=0))
 
 
@@ -99,8 +109,8 @@ def breaks(track: Track, jumps: Jumps, found: Sweep) -> Array:
         starts += [k] if not starts or k > starts[-1] + LONGEST_HIDDEN else []
     begin = np.array(starts, dtype=np.int64)
     end = put[np.searchsorted(put, begin + LONGEST_HIDDEN, side="right") - 1]
-    before = np.maximum(np.append(0, end)[:-1], np.maximum(begin - RAMP_SAMPLES[-1], 0))
-    behind = np.minimum(np.append(begin, score.size)[1:] - 1, end + RAMP_SAMPLES[-1])
+    before = np.maximum(np.append(0, end)[:-1], np.maximum(begin - LONGEST_RAMP // 2, 0))
+    behind = np.minimum(np.append(begin, score.size)[1:] - 1, end + LONGEST_RAMP // 2)
     way = np.sign(found.air[behind] - found.air[before])
     times = track.time_s[begin] - (1.0 - jumps.place[begin]) * track.period_s
     both = np.append(times, track.time_s[seems]), np.append(JUMP_SIGMAS * way, score[seems])
@@ -139,6 +149,7 @@ def with_jumps(
         if known + places.size > MOST_JUMPS:
             # about a large one many seem to be, until it is in
             places = _standing_out(places, found.jump_score)
+        places = places[np.argsort(-np.abs(np.nan_to_num(found.jump_score[places])).max(axis=1), kind="stable")]
         # beside a jump of the air that is not in yet all residuals are off
         also = places if places.size else _own_places(track, values, variance, found, stepped | (own != 0.0))
         if not also.size or known + places.size > MOST_JUMPS:
@@ -288,20 +299,24 @@ def _best(
     for first_s, last_s in known_s[_beside(track, near, known_s) <= KNOWN_APART * track.period_s].tolist():
         trials.add_within(track, size[0], first_s, last_s)
     known = len(trials.tried)
-    trials.add_around(near, size, track.period_s)
+    # of a ramp that is read from its middle on the readings behind a gap tell
+    told = told_of_breaks(around, Jumps(jumps.variance[nodes], jumps.place[nodes]), near, last)
+    trials.add_breaks(track, [*told.jumps(size[0]), *told.bends(size[1])])
     around_near = len(trials.tried)
-    if last > near:
-        # of a ramp that is read from its middle on the readings behind the gap tell
-        trials.add_ramps(last, size, track.period_s)
+    trials.add_breaks(track, told.ramps(size[0]))
     outside = len(trials.tried)
     places = _in_gap(first, last) if last > first else np.zeros(0, dtype=np.int64)
     if not jumps.variance[first : last + 1, 0].any():
-        for k in places.tolist():
-            trials.add((k, 0, size[0], 0.5))
+        apart = np.diff(np.append(places, last + 1)).tolist()
+        for k, room in zip(places.tolist(), apart, strict=True):
+            # about the node it was tried already, place by place
+            trials.add((k, 0, size[0], 0.5), within=0.0 if abs(k - near) <= NEIGHBOURS else float(room))
     tried = trials.tried
     if not tried:
         return jumps
-    cost = around.costs(tried)
+    cost = np.array(trials.mean_cost)
+    if (others := np.flatnonzero(np.isnan(cost))).size:
+        cost[others] = around.costs([tried[k] for k in others])
     if not known and (within := _burst_around(near, loud, read)) is not None and not jumps.variance[within].any():
         anywhere = Jumps(jumps.variance.copy(), jumps.place)
         anywhere.variance[within, 0] = size[0] ** 2 / (within.stop - within.start)
@@ -330,29 +345,51 @@ def _best(
             anywhere.variance[begins - nodes[0] : behind - nodes[0], 0] = size[0] ** 2 / (behind - begins)
             straddling = slice(around_near, outside)
             every = np.append(cost[straddling], in_gap.min())
-            return trials.with_one(_mixed([*tried[straddling], anywhere], every))
+            of_every = np.append(trials.within[straddling], float(behind - begins))
+            return trials.with_one(_mixed([*tried[straddling], anywhere], every, of_every))
     # a jump is placed as finely as it shows before it is compared with what has no such place
     if (sharp := np.flatnonzero(trials.single)).size:
         finer = trials.finer(int(sharp[np.argmin(cost[sharp])]))
         of_finer = around.costs(finer) if finer else np.zeros(0)
         tried, cost = tried + finer, np.append(cost, of_finer)
+    # they have part in the room of the one that they are about
+    room = np.append(trials.within, np.zeros(len(tried) - len(trials.within)))
     if not places.size:
         own = _own_step(around, jumps, near)
         # before the flight is looked at it is as likely in every row, and about one in a flight
         if own is not None and own.cost + np.log(values.size) < cost.min():
             return own
-        return trials.with_one(tried[int(np.argmin(cost))])
-    return trials.with_one(_mixed(tried, cost))
+        return trials.with_one(tried[_of_likeliest_way(tried, cost, room)])
+    return trials.with_one(_mixed(tried, cost, room))
 
 
-def _mixed(tried: list[Jumps], cost: Array) -> Jumps:
-    """The likeliest of what was tried at each node, or pair of them, each with its share of the likelihood: nothing
-    tells between a jump in a gap and a ramp, and where all were read nothing is won by it."""
-    alike: dict[bytes, int] = {}
-    for k in np.argsort(cost)[: np.count_nonzero(cost <= cost.min() + ALIKE_NATS)].tolist():
-        alike.setdefault((tried[k].variance > 0.0).tobytes(), k)
-    some = list(alike.values())
-    share = np.exp(cost.min() - cost[some])
+def _ways(tried: list[Jumps], cost: Array, within: Array) -> tuple[list[int], Array]:
+    """The likeliest of what was tried at each node, or pair of them, and the logarithm of how likely all that was tried
+    there is together: the mean likelihood over where it may be, times how much room that is (`within`)."""
+    alike: dict[bytes, list[int]] = {}
+    for k in np.argsort(cost).tolist():
+        alike.setdefault((tried[k].variance > 0.0).tobytes(), []).append(k)
+    found = [some for some in alike.values() if within[some].any()]
+    with np.errstate(divide="ignore"):
+        together = [np.logaddexp.reduce(np.log(within[some]) - cost[some]) for some in found]
+    return [some[0] for some in found], np.array(together)
+
+
+def _of_likeliest_way(tried: list[Jumps], cost: Array, within: Array) -> int:
+    """The likeliest of what is likelier than the others of a jump, a bend and a ramp, wherever it may be."""
+    some, together = _ways(tried, cost, within)
+    bends = np.array([np.count_nonzero(tried[k].variance[:, 1]) for k in some])
+    kinds = np.unique(bends)
+    best = kinds[int(np.argmax([np.logaddexp.reduce(together[bends == kind]) for kind in kinds]))]
+    return some[int(np.argmax(np.where(bends == best, together, -np.inf)))]
+
+
+def _mixed(tried: list[Jumps], cost: Array, within: Array) -> Jumps:
+    """What was tried at each node, or pair of them, each with its share of the likelihood: nothing tells between a jump
+    in a gap and a ramp, and where all were read nothing is won by it."""
+    some, together = _ways(tried, cost, within)
+    kept = np.flatnonzero(together >= together.max() - ALIKE_NATS)
+    some, share = [some[k] for k in kept.tolist()], np.exp(together[kept] - together.max())
     each = np.array([tried[k].variance for k in some]) * (share / share.sum())[:, None, None]
     at = np.average([tried[k].place for k in some], axis=0, weights=each.sum(axis=2) + np.finfo(float).tiny)
     return Jumps(each.sum(axis=0), at)
@@ -384,9 +421,18 @@ class JumpTrials:
         self.tried: list[Jumps] = []
         self.single: list[bool] = []
         self.bounds: list[tuple[float, float]] = []
+        self.within: list[float] = []
+        self.mean_cost: list[float] = []
 
-    def add(self, *added: tuple[int, int, float, float], bounds: tuple[float, float] = (0.0, 1.0)) -> None:
-        """One more; each of its jumps is (node, kind, size, place), and may be placed between `bounds` of its step."""
+    def add(
+        self,
+        *added: tuple[int, int, float, float],
+        bounds: tuple[float, float] = (0.0, 1.0),
+        within: float = 0.0,
+        cost: float = np.nan,
+    ) -> None:
+        """One more; each of its jumps is (node, kind, size, place), and may be placed between `bounds` of its step. It
+        stands for all that are `within` so many samples, of which minus the log of the mean likelihood is `cost`."""
         nodes = self.nodes
         if any(not nodes[0] < k <= nodes[-1] or self.known.variance[k].any() for k, *_ in added):
             return
@@ -395,6 +441,8 @@ class JumpTrials:
         one = Jumps(self.known.variance[nodes], self.known.place[nodes])
         for k, kind, height, place in added:
             one.variance[k - nodes[0], kind], one.place[k - nodes[0]] = height**2, place
+        self.within.append(within)
+        self.mean_cost.append(cost)
         self.tried.append(one)
         self.single.append(len(added) == 1 and added[0][1] == 0)
         self.bounds.append(bounds)
@@ -413,26 +461,22 @@ class JumpTrials:
     def finer(self, number: int) -> list[Jumps]:
         """One of those that were tried with its one jump at places about where it is, as far as it may be."""
         one, (low, high) = self.tried[number], self.bounds[number]
+        if low == high:
+            return []
         there = (one.variance != self.known.variance[self.nodes]).any(axis=1)
-        places = (
-            np.unique(np.clip(one.place[there] + np.array(BETWEEN_SAMPLES), low, high)) if low < high else np.zeros(0)
-        )
+        places = np.unique(np.clip(one.place[there] + np.array(BETWEEN_SAMPLES), low, high))
         return [Jumps(one.variance, np.where(there, place, one.place)) for place in places.tolist()]
 
-    def add_around(self, near: int, size: Array, period_s: float) -> None:
-        """Jumps of the air, of its slope, and ramps about a node."""
-        for beside in NEIGHBOURS:
-            for place in PLACES_IN_STEP:
-                self.add((near + beside, 0, size[0], place))
-            self.add((near + beside, 1, size[1], 0.5))
-        self.add_ramps(near, size, period_s)
-
-    def add_ramps(self, near: int, size: Array, period_s: float) -> None:
-        """Ramps of the air about a node."""
-        for half in RAMP_SAMPLES:
-            slope = size[0] / (2 * half * period_s)
-            for beside in (0, half // 2, -(half // 2)):
-                self.add((near + beside - half, 1, slope, 0.5), (near + beside + half, 1, slope, 0.5))
+    def add_breaks(self, track: Track, breaks: Iterable[Break]) -> None:
+        """Jumps of the air, of its slope, and ramps, each with its mean likelihood."""
+        for one in breaks:
+            node = np.clip(np.searchsorted(track.time_s, one.time_s), 1, track.time_s.size - 1)
+            before, step_s = track.time_s[node - 1], track.time_s[node] - track.time_s[node - 1]
+            place = np.clip((one.time_s - before) / np.maximum(step_s, np.finfo(float).tiny), 0.0, 1.0)
+            added = []
+            for k, share, off in zip(node.tolist(), place.tolist(), one.off.tolist(), strict=True):
+                added += [(k, one.kind, one.size, share), *([(k, 0, off, share)] if off > 0.0 else [])]
+            self.add(*added, within=one.within, cost=one.cost)
 
     def with_one(self, one: Jumps) -> Jumps:
         """All jumps of the flight with one of those that were tried."""

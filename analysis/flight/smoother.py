@@ -115,7 +115,7 @@ def smooth(
     jumps : Jumps, optional
         Of shape (w, n); what the air may do beside what the prior expects.
     only_cost : bool
-        Nothing but `cost` is asked for: the rest is left undone.
+        Nothing but `cost` and `surprise` are asked for: the rest is left undone.
     scored : bool
         Without it `jump` and `jump_score` are left undone, where there are no jumps.
     """

@@ -118,6 +118,14 @@ class Neighbourhood:
         given = self.track, self.values, self.variance, self.local
         return _smoothed(*given, jumps, at, self.guess, True, off=off).cost.sum(axis=1)
 
+    def surprises(self, jumps: Jumps, off: Array) -> tuple[float, Array]:
+        """Minus the log-likelihood of the readings with those jumps, and how much each of them surprises (t, m), in
+        its sigmas, with the sensor `off` (t, m) by so much; the former is of the first."""
+        here = Jumps(*(np.broadcast_to(one, (len(off), *one.shape)) for one in (jumps.variance, jumps.place)))
+        given = self.track, self.values, self.variance, self.local
+        found = _smoothed(*given, here, np.tile(self.nodes, (len(off), 1)), self.guess, True, off=off)
+        return float(found.cost[0].sum()), np.nan_to_num(found.surprise)
+
     def misfit(self, jumps: Jumps, off: Array) -> float:
         """Mean square of how much the readings surprise, in their sigmas, with those jumps and with the sensor `off`
         (1, m) by so much."""
@@ -145,7 +153,12 @@ def _smoothed(
     rows = (None, slice(int(at[0, 0]), int(at[0, -1]) + 1)) if len(at) == 1 else at
     step = np.diff(track.time_s[rows], axis=1, prepend=track.time_s[at[:, :1]])
     prior = local.each(lambda strength: strength[rows])
-    noise = variance[rows] + CUT_SHORT**2 * jumps.variance[..., 0]
+    along = track.along.at(rows)
+    noise = variance[rows]
+    if jumps.variance[..., 0].any():
+        # what modes that are left out do is over faster than what any that is taken does
+        over = np.exp(-2.0 * along.rate.max(axis=-1) * step * (1.0 - jumps.place))
+        noise = noise + CUT_SHORT**2 * over * jumps.variance[..., 0]
     lags, apart = guess
     first = at[:, 0]
     spread = 2.0 * np.std(values[at[:, : track.memory]], axis=1)
@@ -156,7 +169,6 @@ def _smoothed(
     here = None if track.passing is None else replace(track.passing, sigma=track.passing.sigma[rows])
     # what came before a flight is not known; later the readings tell how far the lags may be from their guess
     lag_spread = np.where(track.broken[first][:, None], spread[:, None], apart[first] + 5.0 * prior.noise[:, :1])
-    along = track.along.at(rows)
     return smooth(
         step, values[rows] - off, noise, along, lags[first], prior, spread, here, lag_spread, jumps, only_cost, scored
     )
