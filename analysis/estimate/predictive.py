@@ -30,6 +30,9 @@ Array = NDArray[np.float64]
 BUMP_COUNT = 10
 # Standard deviations of a bump in units of the run's step that are tried; the first is none.
 DISCREPANCIES = np.concatenate([[0.0], np.geomspace(2e-5, 0.3, 14)])
+# Times their noise by which readings may scatter about a model that is wrong in no smooth way: without them a run would
+# start, and its air be, anywhere before readings that it is far from would. The tails below bridge a factor of two.
+MISFITS = 2.0 ** np.arange(1, 11)
 NOISE_DEGREES = 8.0  # of freedom, with which the noise of a run is known beside its own readings
 USUAL_DEGREES = 3  # of freedom, with which it is known before any run how far runs differ in what they say
 FEWEST_RUNS = 3  # that say how far they agree
@@ -42,7 +45,8 @@ RANGE_PRIOR = 0.5  # that of a parameter, as a share of its range on the scale t
 class Score:
     """Log predictive density of each run (R,) [nats], up to a constant that all models of a problem share.
 
-    `discrepancy` is the standard deviation of what the model is wrong by, as a share of a run's step.
+    `discrepancy` is the standard deviation of what the model is wrong by, as a share of a run's step, were all that it
+    leaves more of than noise as smooth as that.
     """
 
     runs: Array
@@ -173,11 +177,19 @@ def _reduced(g: Gram, discrepancies: Array) -> tuple[Array, Array, Array, Array]
     )
 
 
-def densities(g: Gram, discrepancies: Array, blocks: NDArray[np.int64] | None = None) -> Array:
+def _scattering(g: Gram, misfit: float) -> Gram:
+    """The same where readings scatter by `misfit` times their noise: they say less, of theta and of each run's own
+    effects, of which as much is known before as ever."""
+    said = {name: getattr(g, name) / misfit**2 for name in ("jj", "jv", "jr", "vv", "vr", "rr")}
+    return replace(g, **said)
+
+
+def densities(g: Gram, discrepancies: Array, blocks: NDArray[np.int64] | None = None, misfit: float = 1.0) -> Array:
     """Log predictive density of each block of runs given all the others (T, B) [nats], under each of T discrepancies;
-    single runs by default."""
-    own, right, square, log_det = _reduced(g, discrepancies)
+    single runs by default. Readings scatter about the model by `misfit` times their noise."""
+    own, right, square, log_det = _reduced(_scattering(g, misfit), discrepancies)
     count = g.count
+    log_det = log_det + 2.0 * count * np.log(misfit)
     if blocks is not None:
         _, place = np.unique(blocks, return_inverse=True)
         size = int(place.max()) + 1
@@ -211,20 +223,29 @@ def _summed(values: Array, place: NDArray[np.int64], count: int) -> Array:
 
 
 def score(problem: Problem, found: Fit, bump: Array, blocks: NDArray[np.int64] | None = None) -> Score:
-    """A fit's score, under the discrepancy that makes it best, and the scatter of the runs' rates that does.
+    """A fit's score, under the discrepancy, the scatter about it and that of the runs' rates that make it best.
 
     A fit knows of no discrepancy, and lets rates scatter to do what one does: it is scored by the usual scatter too.
     """
     g = gram(problem, found, bump)
     usual = g.own.copy()
     usual[:, RunEffect.RATE] = np.minimum(usual[:, RunEffect.RATE], problem.rate_scatter**2)
-    scatters = (g.own, usual) if (usual < g.own).any() else (g.own,)
-    tried = np.concatenate([densities(replace(g, own=own), DISCREPANCIES, blocks) for own in scatters])
-    # A fit that led to no number predicts nothing.
-    totals = [total if np.isfinite(total := float(one.sum())) else -np.inf for one in tried]
-    best = int(np.argmax(totals))
-    runs = tried[best] if np.isfinite(totals[best]) else np.full(tried[best].shape, -HOPELESS_NATS)
-    return Score(runs, float(DISCREPANCIES[best % DISCREPANCIES.size]))
+    owns = [replace(g, own=own) for own in ((g.own, usual) if (usual < g.own).any() else (g.own,))]
+
+    def best_under(misfit: float) -> tuple[Array, float, float]:
+        tried = np.concatenate([densities(one, DISCREPANCIES, blocks, misfit) for one in owns])
+        # A fit that led to no number predicts nothing.
+        totals = [total if np.isfinite(total := float(one.sum())) else -np.inf for one in tried]
+        best = int(np.argmax(totals))
+        return tried[best], totals[best], float(DISCREPANCIES[best % DISCREPANCIES.size])
+
+    runs, total, discrepancy = best_under(1.0)
+    for misfit in MISFITS:
+        more, higher, _ = best_under(misfit)
+        if not higher > total:
+            break
+        runs, total = more, higher
+    return Score(runs if np.isfinite(total) else np.full(runs.shape, -HOPELESS_NATS), discrepancy)
 
 
 def weights(densities_of: Sequence[Array], log_prior: Sequence[float], draws: int = 1000, seed: int = 26) -> Array:

@@ -57,7 +57,7 @@ def linear():
     return g, (j, u, b, r)
 
 
-def conditional(g, columns, discrepancy, blocks):
+def conditional(g, columns, discrepancy, blocks, misfit=1.0):
     """Log density of each block of runs given all others, from the joint distribution of all readings: Student's, with
     the slope of Gauss's where a run is as far off as its noise is large."""
     j, u, b, r = columns
@@ -65,7 +65,7 @@ def conditional(g, columns, discrepancy, blocks):
     joint, mean = np.zeros((r.size, r.size)), j.reshape(r.size, -1) @ (g.pull / g.prior)
     for i in range(runs):
         own = slice(i * readings, (i + 1) * readings)
-        joint[own, own] = np.eye(readings) + u[i] * g.own[i] @ u[i].T + discrepancy**2 * b[i] @ b[i].T
+        joint[own, own] = misfit**2 * np.eye(readings) + u[i] * g.own[i] @ u[i].T + discrepancy**2 * b[i] @ b[i].T
     joint += j.reshape(r.size, -1) / g.prior @ j.reshape(r.size, -1).T
     said = []
     for block in np.unique(blocks):
@@ -89,12 +89,13 @@ def conditional(g, columns, discrepancy, blocks):
 
 
 @pytest.mark.parametrize("blocks", [None, [0, 0, 1, 2, 1]])
-@pytest.mark.parametrize("discrepancy", [0.0, 0.7])
-def test_a_density_is_that_of_a_run_given_all_others(linear, discrepancy, blocks):
+@pytest.mark.parametrize(("discrepancy", "misfit"), [(0.0, 1.0), (0.7, 1.0), (0.0, 4.0), (0.7, 0.5)])
+def test_a_density_is_that_of_a_run_given_all_others(linear, discrepancy, misfit, blocks):
     g, columns = linear
     blocks = None if blocks is None else np.array(blocks)
-    exact = conditional(g, columns, discrepancy, np.arange(RUNS) if blocks is None else blocks)
-    np.testing.assert_allclose(densities(g, np.array([discrepancy]), blocks)[0], exact, rtol=0.0, atol=1e-8)
+    exact = conditional(g, columns, discrepancy, np.arange(RUNS) if blocks is None else blocks, misfit)
+    found = densities(g, np.array([discrepancy]), blocks, misfit)[0]
+    np.testing.assert_allclose(found, exact, rtol=0.0, atol=1e-8)
 
 
 @pytest.fixture(scope="module")
@@ -123,6 +124,22 @@ def test_a_score_is_the_best_over_what_a_model_may_be_wrong_by(fitted):
     tried = [float(densities(g, np.array([sigma])).sum()) for sigma in DISCREPANCIES]
     assert rated.total == pytest.approx(max(tried)) and rated.discrepancy == DISCREPANCIES[np.argmax(tried)]
     assert rated.runs.shape == (6,)
+
+
+def test_readings_far_from_a_model_make_no_start_less_well_known(fitted):
+    """Of two models that leave much, one by a hundredth less but with every start off by six of its sigmas."""
+    problem, found, bump = fitted
+    random = np.random.default_rng(5).normal(size=found.residual.shape)
+    left = 20.0 * random * (problem.channel.count > 0) * np.abs(found.residual).mean()
+    deviations = found.deviations.copy()
+    deviations[:, RunEffect.START] += 6.0 / np.sqrt(found.arrow.weight[:, RunEffect.START])
+    started, near = replace(found, residual=left, deviations=deviations), replace(found, residual=1.01 * left)
+    g = gram(problem, started, bump)
+    assert (
+        densities(g, DISCREPANCIES).sum(axis=1).max()
+        > densities(gram(problem, near, bump), DISCREPANCIES).sum(axis=1).max()
+    )
+    assert score(problem, near, bump).total > score(problem, started, bump).total + 3.0
 
 
 def test_a_fit_that_lets_rates_scatter_is_scored_by_the_usual_scatter_as_well(fitted):
