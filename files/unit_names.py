@@ -84,7 +84,8 @@ _OTHER = (
 )  # fmt: skip
 _TIMES = (
     "time", "timestamp", "datetime", "date_time", "date time", "date-time", "t", "date", "datum", "zeit", "uhrzeit",
-    "elapsed", "elapsed time", "seconds", "millis", "epoch", "unixtime", "unix", "ms", "fecha", "hora",
+    "elapsed", "elapsed time", "seconds", "millis", "milliseconds", "micros", "microseconds", "minutes", "hours",
+    "epoch", "unixtime", "unix", "ms", "fecha", "hora",
     "heure", "clock", "tms",
 )  # fmt: skip
 OUTSIDE = ("external", "outside", "outdoor", "ambient", "ext", "air")

@@ -124,6 +124,11 @@ def disordered():
     return lines
 
 
+def newest_first(header, time):
+    names, *body = plain(header, time)
+    return [names, *reversed(body)]
+
+
 def text(lines, end="\n"):
     return end.join(lines) + end
 
@@ -137,6 +142,7 @@ WAYS = {
     "Windows' encoding and line ends": text(plain("Time,Temp (°C),RH (%)"), "\r\n").encode("cp1252"),
     "milliseconds": text(plain("Time [ms],Temp [°C],RH [%]", time=lambda t: f"{1000 * t:.0f}")),
     "millis, without a unit": text(plain("millis,temp,rh", time=lambda t: f"{1000 * t:.0f}")),
+    "a clock called by its unit alone": text(plain("Milliseconds,temp,rh", time=lambda t: f"{1000 * t:.0f}")),
     "minutes": text(plain("elapsed [min],temp,rh", time=lambda t: f"{t / 60:.6f}")),
     "since 1970": text(plain("unixtime,temp,rh", time=lambda t: f"{DAY.timestamp() + t:.2f}")),
     "since 1970 in ms": text(plain("timestamp,temp,rh", time=lambda t: f"{1000 * (DAY.timestamp() + t):.0f}")),
@@ -154,6 +160,9 @@ WAYS = {
         lines_of("time_s,Temp (C),Temp (F),rh", lambda t, a, b, n: f"{t:.2f},{a:.2f},{1.8 * a + 32.0:.2f},{b:.2f}")
     ),
     "time of day, past midnight": text(plain("Time,Temp,RH", date("%H:%M:%S.%f", NIGHT))),
+    "the newest row on top": text(newest_first("Date,Temp,RH", date("%m/%d/%Y %H:%M:%S.%f"))),
+    "the newest row on top, seconds": text(newest_first("time_s,temp,rh", lambda t: f"{t:.2f}")),
+    "the newest row on top, past midnight": text(newest_first("Time,Temp,RH", date("%H:%M:%S.%f", NIGHT))),
     "tabs and decimal commas": text(plain("t\ttemp\thumidity", separator="\t", decimal=",")),
     "blanks": text(plain("time temp humidity", separator="   ")),
     "blanks, and a comma behind": text(

@@ -10,8 +10,17 @@ from itertools import product
 import numpy as np
 
 from shockrig.files.flight import NAMES
-from shockrig.files.unit_names import EPOCH, UNITS, bare_name, is_called_time, quantity_of, squeeze, unit_in_name
-from shockrig.rig.logs.stamps import ISO, NUMBERS, OF_DAY, TimeColumns, half_day
+from shockrig.files.unit_names import (
+    EPOCH,
+    UNITS,
+    bare_name,
+    is_called_time,
+    known_unit,
+    quantity_of,
+    squeeze,
+    unit_in_name,
+)
+from shockrig.rig.logs.stamps import ISO, NUMBERS, OF_DAY, TimeColumns, half_day, newest_first
 from shockrig.rig.logs.text import NUMBER, unit_in_cells
 
 _DATES = (
@@ -149,6 +158,8 @@ def _counted(name: str, cells: Sequence[str], unit: str | None, named: bool) -> 
     values = np.array([float(text) for text in texts if NUMBER.fullmatch(text)])
     if values.size < 2:
         return None
+    if named and newest_first(values):  # what merely falls is no clock, unless its name says so
+        values = values[::-1]
     steps = np.diff(values)
     if not (steps >= 0).mean() > 0.95 or values[-1] <= values[0] or (not named and not (steps > 0).mean() > 0.95):
         return None
@@ -157,7 +168,10 @@ def _counted(name: str, cells: Sequence[str], unit: str | None, named: bool) -> 
     for epoch_unit, (low, high) in EPOCH.items():
         if low < np.median(values) < high:
             return TimeColumns((name,), NUMBERS, epoch_unit, since_1970=True)
-    time_unit = unit if unit in UNITS["time"] else "ms" if bare_name(name).lower() in ("millis", "ms", "tms") else None
+    called = bare_name(name).lower()
+    if unit not in UNITS["time"] and len(called) > 1:  # called by nothing but its unit; a letter may be any quantity's
+        unit = known_unit("ms" if called == "tms" else called)
+    time_unit = unit if unit in UNITS["time"] else None
     if time_unit is not None:
         return TimeColumns((name,), NUMBERS, time_unit)
     doubt = "no unit is named; taken as seconds"
@@ -210,5 +224,6 @@ def _moment(text: str, format_: str) -> datetime:
 
 def _span_s(texts: Sequence[str], format_: str) -> float:
     moments = [_moment(text, format_).timestamp() for text in texts if _fits(text, format_)]
-    back = sum(b < a for a, b in zip(moments, moments[1:], strict=False))
-    return max(moments) - min(moments) + 1e9 * (back > len(moments) / 4)
+    pairs = list(zip(moments, moments[1:], strict=False))
+    turns = min(sum(b < a for a, b in pairs), sum(b > a for a, b in pairs))  # the newest row may stand on top
+    return max(moments) - min(moments) + 1e9 * (turns > len(moments) / 4)

@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from shockrig.rig.logs.stamps import newest_first
+
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Index = NDArray[np.intp]
@@ -73,10 +75,13 @@ def in_order(time_s: Array, values: Mapping[str, Array], lines: Sequence[int] | 
         first = int(number[np.flatnonzero(~keep)[0]])
         remarks.append(f"{int((~keep).sum())} rows without a time left out (the first in line {first})")
     rows = np.flatnonzero(keep)
+    if newest_first(time_s[rows]):
+        remarks.append("the newest row stands on top: the rows are read from the last to the first")
+        rows = rows[::-1]
     absurd = rows[_absurd(time_s[rows])]
     if absurd.size:
         remarks.append(f"{absurd.size} rows with absurd stamps left out (the first in line {int(number[absurd[0]])})")
-        rows = np.setdiff1d(rows, absurd, assume_unique=True)
+        rows = rows[~np.isin(rows, absurd)]
     sessions = _sessions(time_s, rows)
     parts: list[Index] = []
     spread: list[Array] = []

@@ -193,10 +193,18 @@ def _clock_s(texts: Any) -> Array:
     return np.asarray(3600.0 * numbers[:, 0] + 60.0 * numbers[:, 1] + np.nan_to_num(numbers[:, 2]), dtype=float)
 
 
+def newest_first(stamps: Array) -> bool:
+    """Whether stamps go back from row to row more often than on: many services write the newest reading on top."""
+    steps = np.diff(stamps)
+    return bool((steps < 0).sum() > (steps > 0).sum())
+
+
 def _past_midnight(seconds: Array) -> Array:
     """Seconds of a day that go on where the next one begins."""
-    known = np.isfinite(seconds)
-    back = np.diff(seconds[known], prepend=seconds[known][0] if known.any() else 0.0) < -43200.0
+    known = np.flatnonzero(np.isfinite(seconds))
+    if newest_first(seconds[known]):
+        known = known[::-1]
+    back = np.diff(seconds[known], prepend=seconds[known][0] if known.size else 0.0) < -43200.0
     seconds[known] += 86400.0 * np.cumsum(back)
     return seconds
 

@@ -270,6 +270,18 @@ def test_a_clock_that_starts_anew_and_a_gap_divide_a_log(tmp_path, capsys):
     assert run(log, "--map", map_, "--out", tmp_path / "d") == 0
 
 
+def test_a_log_whose_newest_row_stands_on_top_is_read_from_its_end(capsys, tmp_path):
+    """And where its clock was set besides, the two pieces are told apart as in any other log."""
+    stamps = np.concatenate([np.arange(200.0), np.arange(50.0, 150.0)])[::-1]
+    ordered = in_order(stamps, {"t": np.arange(300.0)[::-1]}, np.arange(2, 302), "auto")
+    assert ordered.pieces == (slice(0, 200), slice(200, 300)) and (np.diff(ordered.values["t"]) == 1.0).all()
+    assert "from the last to the first" in ordered.remarks[0] and "(first in line 101)" in ordered.remarks[1]
+    log = written(tmp_path / "log.csv", WAYS["the newest row on top"])
+    assert run(log, "--look", "--out", tmp_path) == 0
+    said = capsys.readouterr().out
+    assert "one every 0.5 s" in said and "out of order" not in said and "starts anew" not in said
+
+
 def test_coarse_stamps_are_spread(tmp_path, capsys):
     """Stamps of whole seconds at two readings a second: times come out to half a reading, none is lost."""
     log = written(
