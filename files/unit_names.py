@@ -79,8 +79,8 @@ _WORDS = {
 }
 _OTHER = (
     "dew", "frost", "batt", "volt", "heat index", "wind chill", "wet bulb", "wet-bulb", "potential", "setpoint",
-    "set point", "set_point", "set temp", "set_temp", "target", "anomaly", "direction", "velocity", "ascent", "climb",
-    "over ground", "efficien", "duty", "throttle", "charge",
+    "set point", "set_point", "set temp", "set_temp", "setting", "target", "anomaly", "direction", "velocity", "ascent",
+    "climb", "over ground", "efficien", "duty", "throttle", "charge",
 )  # fmt: skip
 _TIMES = (
     "time", "timestamp", "datetime", "date_time", "date time", "date-time", "t", "date", "datum", "zeit", "uhrzeit",

@@ -42,6 +42,7 @@ _COUNTERS = {
     "readings", "packet", "packets", "frame", "frames", "count", "counts", "counter", "number", "num", "no", "nr", "n",
     "index", "idx", "id", "seq", "sequence",
 }  # fmt: skip
+_COUNT = re.compile(f"({'|'.join(sorted(_COUNTERS, key=len, reverse=True))})+")  # packetnr, recno: two words in one
 _READ = {name for quantity, names in NAMES.items() if quantity != "time" for name in names}
 
 
@@ -96,7 +97,7 @@ def _in_parts(columns: Mapping[str, Sequence[str]]) -> TimeColumns | None:
 def counters(names: Iterable[str]) -> list[str]:
     """Names of columns that count rows: nothing says how many seconds pass from one to the next."""
     words = {name: {word.lower() for word in re.findall("[A-Z]?[a-z]+|[A-Z]+|#", name)} for name in names}
-    return [name for name, said in words.items() if said and said <= _COUNTERS]
+    return [name for name, said in words.items() if said and all(map(_COUNT.fullmatch, said))]
 
 
 def _is_other(name: str, unit: str | None) -> bool:

@@ -15,6 +15,7 @@ from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.logs.clock_columns import counters, guess_clock
 from shockrig.rig.logs.found import LogStep, steps_of
 from shockrig.rig.logs.guess import Guess, guess_log, likely_reference
+from shockrig.rig.logs.log import ImpossibleError
 from shockrig.rig.logs.map_file import parse_map
 from shockrig.rig.logs.mapping import FORMAT, LogMap
 from shockrig.rig.logs.onset import StepOnset
@@ -54,13 +55,26 @@ def look_at(paths: Sequence[Path], map_path: Path, progress: Callable[[str], Non
     BenchError
         A log cannot be read, has no sensor or no time, or another layout than the first.
     """
+    refused: list[ImpossibleError] = []
+    while True:
+        try:
+            return _look(paths, map_path, progress, refused)
+        except ImpossibleError as fault:
+            refused.append(fault)  # a name promises nothing: the log is looked at without that column
+
+
+def _look(
+    paths: Sequence[Path], map_path: Path, progress: Callable[[str], None], refused: Sequence[ImpossibleError]
+) -> LogLook:
+    """As `look_at`, without the columns that were refused; a further one that cannot be what it is called is refused
+    in its turn."""
     scans = [scan(path, Layout()) for path in paths]
     for other in scans[1:]:
         if other.names != scans[0].names:
             raise BenchError(
                 f"{shown(other.path)}: has other columns than {shown(scans[0].path)}; look at each by itself"
             )
-    guess = _recognised(scans[0])
+    guess = _recognised(scans[0], refused)
     assert guess.clock is not None
     for other in scans[1:] if guess.clock.doubt else []:  # whether day or month comes first, another log may tell
         clock = guess_clock(other.names, other.sample(), other.units)
@@ -87,9 +101,11 @@ def columns_of(path: Path) -> LogMap:
     return parse_map(_head([seen], guess, path) + _sensors(guess, {}, None), path)
 
 
-def _recognised(first: Scan) -> Guess:
-    """What a log's columns are, where it has a time and a sensor."""
-    guess = guess_log(first)
+def _recognised(first: Scan, refused: Sequence[ImpossibleError] = ()) -> Guess:
+    """What a log's columns are, where it has a time and, beside the columns that were refused, a sensor."""
+    guess = guess_log(first, [fault.column for fault in refused])
+    if refused and not guess.sensors:
+        raise BenchError(f"{refused[0]}, or name another column (it has: {', '.join(first.names)})")
     if guess.clock is None or not guess.sensors:
         fault = NoClockError if guess.clock is None and guess.sensors else BenchError
         what = "times" if guess.clock is None else "temperatures or humidities"

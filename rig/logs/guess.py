@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +27,7 @@ _WORDS = re.compile(
 )
 POSITION = ("altitude", "latitude", "longitude")
 STAMPS_APART = 0.05  # of the time from row to row: stamps that are less off the clock are the clock's
+IMPOSSIBLE = "hardly any of it can be what its name says (a raw count? if not, state it and its unit in the map)"
 REFERENCE_WORDS = ("ctrl", "control", "ref", "standard", "chilled", "mirror")
 
 
@@ -40,8 +41,11 @@ class Guess:
     unused: tuple[tuple[str, str], ...]
 
 
-def guess_log(lines: Scan) -> Guess:
-    """Group the columns of a log into sensors, by what their names have in common beside the quantity."""
+def guess_log(lines: Scan, impossible: Collection[str] = ()) -> Guess:
+    """Group the columns of a log into sensors, by what their names have in common beside the quantity.
+
+    Columns that are `impossible` are none of what their names say: what was read of them cannot be.
+    """
     rows = lines.sample()
     clock = guess_clock(lines.names, rows, lines.units)
     times = clock.columns if clock is not None else ()
@@ -51,6 +55,9 @@ def guess_log(lines: Scan) -> Guess:
     read: list[tuple[str, str, str, list[str]]] = []
     for k, name in enumerate(lines.names):
         if name in times:
+            continue
+        if name in impossible:
+            unused.append((name, IMPOSSIBLE))
             continue
         values = _numbers([row[k] for row in rows], lines.decimal)
         named = unit_said(lines, k, rows)

@@ -43,6 +43,14 @@ LIMITS = {
 }
 
 
+class ImpossibleError(BenchError):
+    """A column of which hardly any number can be what it is read as; `column` is its name in the log."""
+
+    def __init__(self, message: str, column: str) -> None:
+        super().__init__(message)
+        self.column = column
+
+
 @dataclass(frozen=True)
 class Column:
     """One column that is wanted: its name in the log, what it measures (a key of `UNITS`), in which unit."""
@@ -301,9 +309,10 @@ def _checked(read: _Read, column: Column, lines: Scan, named: bool) -> tuple[Arr
         absurd = np.flatnonzero(unread(numbers, limits, RANGES["temperature_reading_c"]))
     if absurd.size and absurd.size >= 0.9 * np.isfinite(numbers).sum():
         key = f"{column.quantity}_unit"
-        raise BenchError(
+        raise ImpossibleError(
             f"{where}: {limits.refusal(float(numbers[absurd[0]]))} read in {column.unit}, like most of it; "
-            f"state the right {key} in the map ({', '.join(UNITS[column.quantity])})"
+            f"state the right {key} in the map ({', '.join(UNITS[column.quantity])})",
+            column.name,
         )
     if absurd.size:
         said.append(_sentence(absurd.size, f"impossible readings of {column.name!r}", lines.numbers[absurd[0]]))

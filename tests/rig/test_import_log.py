@@ -407,6 +407,33 @@ def test_columns_that_are_not_used_are_said_and_german_humidity_is_known(tmp_pat
     assert "one sensor\n" in said and 'humidity = "Kanal 2 [% r.F.]"' in (tmp_path / "log.toml").read_text("utf-8")
 
 
+def test_a_raw_count_with_a_thermometers_name_does_not_stand_in_the_way_of_the_others(tmp_path, capsys):
+    """As an NTC's number from its converter: what is left is looked at, and the map says why the column is not in it.
+    Where it is all that there is, what cannot be is said as before."""
+    lines = lines_of("time_s,temp,ntc,rh", lambda t, a, b, n: f"{t:.2f},{a:.2f},{2000 + 10 * a:.0f},{b:.2f}")
+    log = written(tmp_path / "log.csv", text(lines))
+    assert run(log, "--look", "--out", tmp_path) == 0
+    said = capsys.readouterr().out
+    assert "one sensor" in said and "3 steps seen" in said and "hardly any of it can be" in said and "ntc" in said
+    assert run(log, "--map", tmp_path / "log.toml", "--out", tmp_path / "c") == 0
+    log.write_text(text(lines_of("time_s,ntc", lambda t, a, b, n: f"{t:.2f},{2000 + 10 * a:.0f}")))
+    assert run(log, "--look", "--out", tmp_path / "again") == 2
+    assert "column 'ntc': 2220 cannot be" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["Front-temp Setting", "heater temp setting (C)"])
+def test_a_temperature_that_somebody_sets_is_no_sensor(name):
+    assert quantity_of(name, None) is None
+
+
+def test_a_count_of_rows_is_no_clock_where_its_name_is_one_word():
+    assert clock_columns.counters(["packetnr", "recno", "PacketID", "pressure", "samplerate"]) == [
+        "packetnr",
+        "recno",
+        "PacketID",
+    ]
+
+
 def test_a_log_without_times_is_read_by_the_time_from_row_to_row(tmp_path, capsys):
     rows = [f"{80.0 if t > 80.0 else 0.0},{c}" for t, c in zip(LOG.time_s, LOG.temperature_c, strict=True)]
     log = written(tmp_path / "log.csv", text(["heater,temperature_c", *rows]))
