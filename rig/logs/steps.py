@@ -80,6 +80,7 @@ def find_steps(channels: Sequence[LogPiece], piece: int, merge_s: float | None =
         since_s = _last_s(groups[k - 1]) if k else begins_s
         until_s = groups[k + 1][0].time_s if k + 1 < len(groups) else ends_s
         steps += _steps(channels, group, piece, since_s, until_s)
+    steps.sort(key=lambda step: step.at_s)  # stages are timed by their first, which others may have followed
     return tuple(judged(step, steps, k, channels) for k, step in enumerate(steps))
 
 
@@ -90,8 +91,7 @@ def _cluster(channels: Sequence[LogPiece], changes: Sequence[Sequence[ChangePoin
     for width_s, time_s, place in every:
         change = ChangePoint(time_s, width_s)
         near = sorted(clusters, key=lambda cluster: abs(cluster.time_s - time_s))
-        # A change is seen late, not early, by a slow sensor: behind, the windows may just touch.
-        fits = [c for c in near if -c.width_s - width_s <= time_s - c.time_s <= c.width_s + 2.0 * width_s]
+        fits = [c for c in near if _may_be_one(c, change, changes[place])]
         home = next((c for c in fits if place not in c.changes and _in_order(c, near, place, time_s)), None)
         few_s = FEW_READINGS * channels[place].period_s
         again = next((c for c in near if place in c.changes and abs(c.time_s - time_s) < few_s), None)
@@ -102,6 +102,19 @@ def _cluster(channels: Sequence[LogPiece], changes: Sequence[Sequence[ChangePoin
         else:
             clusters.append(_Cluster(time_s, width_s, {place: [change]}))
     return sorted(clusters, key=lambda cluster: cluster.time_s)
+
+
+def _may_be_one(cluster: _Cluster, change: ChangePoint, own: Sequence[ChangePoint]) -> bool:
+    """Whether the windows of a cluster and of a change overlap; `own` are all the changes of its channel.
+
+    A change is seen late, not early, by a slow sensor: behind, the windows may just touch. How late that can be, the
+    sharpest window tells in which the channel changed nearer to the cluster: one that shows it within seconds is not
+    slow, and what a wide window shows of it much later is another change.
+    """
+    apart_s = change.time_s - cluster.time_s
+    nearer = (one.width_s for one in own if abs(one.time_s - cluster.time_s) < abs(apart_s))
+    late_s = min(change.width_s, min(nearer, default=change.width_s))
+    return -cluster.width_s - change.width_s <= apart_s <= cluster.width_s + 2.0 * late_s
 
 
 def _in_order(cluster: _Cluster, others: Sequence[_Cluster], place: int, time_s: float) -> bool:

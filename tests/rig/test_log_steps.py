@@ -365,3 +365,37 @@ def test_a_slow_change_beside_a_fast_one_does_not_part_it_from_itself(monkeypatc
     monkeypatch.setattr(steps, "find_changes", lambda channel: seen[channel.name])
     moves = [move for step in find_steps(pieces, 0) for move in step.moves]
     assert {move.channel for move in moves} == {"a", "b"} and min(move.t63_s for move in moves) > 10.0
+
+
+def test_what_drifts_long_after_a_sharp_step_is_no_late_part_of_it(monkeypatch):
+    """Into a freezer, which warms by 5 K a quarter of an hour later; the humidity dips and turns within seconds. Only a
+    window of minutes shows the drift, and one of seconds has shown that this thermometer is not late: with the drift
+    and the turn as one step, the way into the freezer had ended after 10 s, and was a ramp."""
+    time_s = np.arange(500.0, 4000.0, 1.0)
+    since_s = time_s - 654.0
+    warms = np.clip((since_s - 1000.0) / 1400.0, 0.0, 1.0)
+    values = {
+        "temperature": 23.0 - 48.0 * lag(since_s, 37.0) + 5.0 * warms,
+        "humidity": 58.0 - 40.0 * lag(since_s, 4.0) + 54.0 * lag(since_s - 9.0, 100.0) - 6.0 * warms,
+    }
+    noise = np.random.default_rng(1).normal(0.0, 0.01, time_s.size)
+    pieces = [channel_of(time_s, np.round(value + noise, 2), quantity) for quantity, value in values.items()]
+    seen = {
+        "temperature": (ChangePoint(655.5, 5.0, True), ChangePoint(1726.5, 640.0)),
+        "humidity": (ChangePoint(654.5, 5.0), ChangePoint(664.5, 5.0)),
+    }
+    monkeypatch.setattr(steps, "find_changes", lambda channel: seen[channel.quantity])
+    step = next(one for one in find_steps(pieces, 0) if abs(one.at_s - 654.0) < 2.0)
+    (move,) = (one for one in step.moves if one.quantity == "temperature")
+    assert step.why_not == "" and (move.before, move.after) == pytest.approx((23.0, -25.0), abs=0.5)
+    assert move.t63_s == pytest.approx(37.0, rel=0.05)
+
+
+def test_steps_are_told_in_the_order_in_which_they_began(monkeypatch):
+    """The first of several stages may have been before a step of another channel that the log shows before them."""
+    time_s = np.arange(0.0, 900.0, 1.0)
+    channel = channel_of(time_s, 20.0 + 5.0 * (time_s > 300.0) + 5.0 * (time_s > 600.0), "temperature")
+    move = fit_onset(channel, ChangePoint(300.0, 5.0), 0.0, 590.0)
+    began = iter((610.0, 290.0))
+    monkeypatch.setattr(steps, "_steps", lambda *_: [steps.StepInLog(0, next(began), 1.0, (move,))])
+    assert [step.at_s for step in find_steps([channel], 0)] == [290.0, 610.0]
