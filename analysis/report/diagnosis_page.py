@@ -34,6 +34,7 @@ from shockrig.analysis.report.diagnosis_words import (
     removed,
     sensor_of,
     values_text,
+    wandering,
     worse,
 )
 from shockrig.analysis.report.fitted import UNIT, drifts, rate_label, rate_text, relative_runs
@@ -448,7 +449,8 @@ def _advice(views: Sequence[ChannelView]) -> list[Block]:
                 rows.setdefault(effect, [named(effect), CATALOGUE[effect].words.advice])
     if rows:
         return [Table(("because of", "do"), list(rows.values()))]
-    if any(view.found.verdict in ("unexplained", "described") for view in views):
+    unsaid = ("unexplained", "described")
+    if any(v.found.verdict in unsaid or not v.found.gain.measured and wandering(v.found) for v in views):
         return [
             Text("No cause is named that would say what to do: look for what behaves like what is left.", "warning")
         ]

@@ -6,6 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
+from shockrig.analysis.characterize.result import FAR_ABOVE_NOISE
 from shockrig.analysis.diagnose.diagnosed import Cause, ChannelDiagnosis, Diagnosis
 from shockrig.analysis.diagnose.gain import Gain
 from shockrig.analysis.effects import CATALOGUE
@@ -17,7 +20,7 @@ from shockrig.analysis.estimate.seen import seen
 from shockrig.analysis.report.fitted import UNIT
 from shockrig.files.causes import Uncertain
 from shockrig.files.diagnosis_data import Dependence, Discovered
-from shockrig.files.numbers import measured, plain
+from shockrig.files.numbers import between, measured, plain
 
 # Sentences on effects that nobody listed: 'behaves as', never 'is'.
 
@@ -215,8 +218,15 @@ def listed(words: Sequence[str], last: str = "and") -> str:
 def value_text(channel: str, parameter: Parameter, stated: Uncertain) -> str:
     """A parameter with its uncertainty, without its unit where the sentence gives it."""
     value, spread = stated.value, stated.standard_uncertainty
+    scale, unit = (100.0, " %") if parameter.percent else (1.0, "")
+    if parameter.log and spread >= value > 0.0:
+        # What is positive is no less than nothing: where a standard uncertainty in its logarithm is 1 and more, the
+        # ends of its interval are said, as far as they are in its range.
+        factor = math.exp(min(spread / value, math.log(parameter.high / parameter.low)))
+        low, high = max(value / factor, parameter.low), min(value * factor, parameter.high)
+        return between(scale * value, scale * low, scale * high) + unit
     if parameter.percent:
-        return measured(100 * value, 100 * spread) + " %"
+        return measured(scale * value, scale * spread) + unit
     text = measured(value, spread)
     return f"{text} {UNIT[channel]}" if parameter.unit == "channel's unit" else text
 
@@ -311,6 +321,12 @@ def channel_verdict(found: ChannelDiagnosis, whole: bool = True) -> str:
     model = "One lag" if found.problem.channel.lumped else "The plain diffusion model"
     causes = ordered(found.causes)
     if found.verdict == "adequate" and not gain.measured:
+        if left := wandering(found):
+            return (
+                f"{model} is all that these runs tell of the {sensor}: what it leaves, {plain(left, 2)} {unit} "
+                f"rms beside a noise of {plain(found.noise.standard_deviation, 2)} {unit}, hangs together as noise of "
+                "theirs may, and whether the air or the sensor does it they cannot tell."
+            )
         return (
             f"{model} fits the {sensor}'s readings; there is no run left to try it on, so nothing is "
             "said of unseen ones."
@@ -382,6 +398,14 @@ def _late(found: ChannelDiagnosis, left: Mapping[str, Any]) -> bool:
     return bool(over) and float(left["largest_from_s"]) > max(over)
 
 
+def wandering(found: ChannelDiagnosis) -> float:
+    """Rms of what the stated model leaves of single readings [channel's unit], where that is far above their noise and
+    passes for noise only because it hangs together; else 0."""
+    count = found.problem.channel.count
+    size = float(np.sqrt((count * found.final.residual**2).sum() / count.sum()))
+    return size if size > FAR_ABOVE_NOISE * found.noise.standard_deviation else 0.0
+
+
 def remainder_sentence(found: ChannelDiagnosis) -> str:
     """What is left on unseen runs, and whether it matters."""
     left = found.remainder
@@ -392,6 +416,8 @@ def remainder_sentence(found: ChannelDiagnosis) -> str:
     elif found.gain.measured:  # the peak is that of the fit to all runs: less than unseen runs are off by is no most
         size += f" (fitted to all runs, {plain(left.peak, 2)} {left.unit} at most)" if left.peak > 0.0 else ""
     if left.rms <= 0.0 and left.peak <= 0.0:
+        if not found.gain.measured and (size_rms := wandering(found)):
+            return f"Left {where}: {plain(size_rms, 2)} {left.unit} rms, which hangs together as noise of theirs may."
         seen = ", though statistics sees a pattern in it" if left.significant else ""
         return f"Left {where}: nothing above the noise{seen}."
     if not left.significant:

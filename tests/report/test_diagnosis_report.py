@@ -12,6 +12,7 @@ from shockrig.analysis.diagnose.remainder import is_material
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.quantity import QUANTITIES, TEMPERATURE
 from shockrig.analysis.flight.simulated.typical import typical_profile
+from shockrig.analysis.report import diagnosis_page
 from shockrig.analysis.report.crossing import cross_inversion
 from shockrig.analysis.report.diagnosis_view import parted_by
 from shockrig.analysis.report.diagnosis_words import (
@@ -22,6 +23,7 @@ from shockrig.analysis.report.diagnosis_words import (
     missing,
     remainder_sentence,
     removed_share,
+    value_text,
     worse,
 )
 from shockrig.analysis.report.fit_figures import RunParameter
@@ -68,6 +70,29 @@ def test_the_sentence_a_colleague_would_say():
         "The bead does not follow the air at once: the air film around it (Biot 0.120 ± 0.010 at 5 m/s) makes it "
         "slower at low airflow. With it the model predicts unseen runs to 0.021 K instead of 0.90 K (noise 0.020 K)."
     )
+
+
+def test_what_one_run_leaves_that_passes_for_noise_is_said_with_its_size():
+    """Held by hand and let go: the readings drift by kelvins, all of which a noise that hangs together explains. They
+    had nothing above the noise, and the bench was as it should."""
+    one = channel("temperature", "adequate", body="lumped")
+    one.gain = SimpleNamespace(measured=False)
+    one.problem.channel.count = np.ones((1, 400))
+    one.remainder = StatedRemainder(0.0, 0.0, "K", False, True, 0.03, 30.0, 150.0)
+    for left, said in ((1.1, "1.1 K rms beside a noise of 0.020 K"), (0.02, "One lag fits the thermometer's readings")):
+        one.final = SimpleNamespace(residual=np.full((1, 400), left))
+        assert said in channel_verdict(one)
+        assert ("nothing above the noise" in remainder_sentence(one)) == (left < 0.1)
+        page = diagnosis_page._advice([SimpleNamespace(found=one)])
+        assert ("do what the plain model says" in str(page)) == (left < 0.1)
+
+
+def test_a_positive_number_that_is_not_told_has_the_ends_of_its_range():
+    """A time constant of 94 s with a standard uncertainty of 708 s is not said to be that, nor to be below nothing."""
+    (lag,) = CATALOGUE["series_lag"].parameters
+    assert value_text("temperature", lag, Uncertain(94.0, 708.0)) == f"94 (0 to {lag.high:.0f})"
+    assert value_text("temperature", lag, Uncertain(10.0, 10.0)) == "10.0 (3.7 to 27.2)"
+    assert value_text("temperature", lag, Uncertain(94.0, 20.0)) == "94 ± 20"
 
 
 def test_a_tie_a_doubt_and_a_bound_are_said():
