@@ -13,7 +13,7 @@ from shockrig.files.numbers import counted, short
 from shockrig.files.unit_names import UNITS
 from shockrig.rig.logs.found import LogStep
 from shockrig.rig.logs.sensor_logs import SensorLog
-from shockrig.rig.logs.stamps import to_map
+from shockrig.rig.logs.stamps import to_map, unit_shown
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -153,6 +153,6 @@ def _draw_close(axes: Axes, sensors: SensorLog, one: LogStep, is_used: bool) -> 
     axes.set_ylim(-0.3, 1.4)
     digits = int(np.clip(np.ceil(-np.log10(max(step.uncertainty_s, 1e-3))), 0, 3))
     at = to_map(log.clock, log.origin_s, step.at_s, digits).strip('"').rpartition("T")[2]
-    unsure = f"{at} ± {short(step.uncertainty_s, 2)} s"
+    unsure = f"{at}{unit_shown(log.clock)} ± {short(step.uncertainty_s, 2)} s"
     axes.set_title(f"{one.number}: {unsure}{'' if is_used else ', not used'}", fontsize=8.5)
     axes.set_xlabel("s from there")

@@ -133,15 +133,13 @@ def is_used(one: LogStep, map_: LogMap) -> bool:
 def _when(sensors: SensorLog, one: LogStep) -> str:
     import math
 
-    from shockrig.rig.logs.stamps import NUMBERS, to_map
+    from shockrig.rig.logs.stamps import to_map, unit_shown
 
     unsure_s = one.step.uncertainty_s
     digits = min(max(math.ceil(-math.log10(max(unsure_s, 1e-3))), 0), 3)
     at = to_map(sensors.log.clock, sensors.log.origin_s, one.step.at_s, digits).strip('"')
-    clock = sensors.log.clock
-    unit = f" {clock.unit}" if clock.format == NUMBERS and clock.unit != "s" else ""
     piece = f", piece {one.step.piece + 1}" if len(sensors.log.pieces) > 1 else ""
-    return f"{at}{unit} ± {short(unsure_s, 2)} s{piece}"
+    return f"{at}{unit_shown(sensors.log.clock)} ± {short(unsure_s, 2)} s{piece}"
 
 
 def sensors_said(names: Sequence[str]) -> str:

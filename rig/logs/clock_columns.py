@@ -159,7 +159,9 @@ def _counted(name: str, cells: Sequence[str], unit: str | None, named: bool) -> 
     values = np.array([float(text) for text in texts if NUMBER.fullmatch(text)])
     if values.size < 2:
         return None
-    if named and newest_first(values):  # what merely falls is no clock, unless its name says so
+    called = bare_name(name).lower()
+    # What merely falls is no clock, unless its name says so: a t in degC, or a t alone, is as soon a temperature.
+    if named and len(called) > 1 and (unit is None or unit in UNITS["time"]) and newest_first(values):
         values = values[::-1]
     steps = np.diff(values)
     if not (steps >= 0).mean() > 0.95 or values[-1] <= values[0] or (not named and not (steps > 0).mean() > 0.95):
@@ -169,7 +171,6 @@ def _counted(name: str, cells: Sequence[str], unit: str | None, named: bool) -> 
     for epoch_unit, (low, high) in EPOCH.items():
         if low < np.median(values) < high:
             return TimeColumns((name,), NUMBERS, epoch_unit, since_1970=True)
-    called = bare_name(name).lower()
     if unit not in UNITS["time"] and len(called) > 1:  # called by nothing but its unit; a letter may be any quantity's
         unit = known_unit("ms" if called == "tms" else called)
     time_unit = unit if unit in UNITS["time"] else None

@@ -26,7 +26,7 @@ from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.logs.clock_columns import guess_clock
 from shockrig.rig.logs.lines import Index, Lines
 from shockrig.rig.logs.order import in_order
-from shockrig.rig.logs.stamps import NUMBERS, OF_DAY, TimeColumns, in_seconds, parsed
+from shockrig.rig.logs.stamps import NUMBERS, TimeColumns, in_seconds, parsed
 from shockrig.rig.logs.text import BEHIND, NO_NUMBER, Layout, Scan, scan, unit_said
 
 Array = NDArray[np.float64]
@@ -135,7 +135,7 @@ def read_rows(
             f'{shown(path)}: no column of times found (it has: {has}); name it in the map, [log] time = "...", or '
             "where none tells the time, the seconds from row to row, every_s = 1.0"
         )
-    if clock.format == OF_DAY or any(_names_unit(lines, name) for name in clock.columns):
+    if clock.is_of_day or any(_names_unit(lines, name) for name in clock.columns):
         clock = replace(clock, known="named")
     for name in (*clock.columns, *(column.name for column in columns)):
         if name not in lines.names:

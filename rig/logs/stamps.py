@@ -20,6 +20,7 @@ from shockrig.rig.bench_errors import BenchError
 Array = NDArray[np.float64]
 
 ISO, NUMBERS, OF_DAY = "iso", "number", "time of day"
+_A_DATE = re.compile("%[yYmbBdjcxDFsGgUVWuwaAeh]")  # what strptime has of years, months, weeks and days
 STILL_ROWS = 10  # that bear one stamp or two are not timed by it
 
 
@@ -42,8 +43,13 @@ class TimeColumns:
     known: str = "stated"
 
     @property
+    def is_of_day(self) -> bool:
+        """Whether times of day are told and no date: a format without one would put them into 1900."""
+        return self.format == OF_DAY or self.format not in (ISO, NUMBERS) and _A_DATE.search(self.format) is None
+
+    @property
     def is_dated(self) -> bool:
-        return self.since_1970 or self.format not in (NUMBERS, OF_DAY)
+        return self.since_1970 or self.format != NUMBERS and not self.is_of_day
 
 
 def parsed(clock: TimeColumns, columns: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
@@ -73,6 +79,8 @@ def parsed(clock: TimeColumns, columns: Mapping[str, NDArray[Any]]) -> NDArray[A
         joined = joined.map(half_day)
     kind = "ISO8601" if clock.format == ISO else clock.format
     moments = pd.to_datetime(joined, format=kind, errors="coerce", utc=True)
+    if clock.is_of_day:
+        return (moments - moments.dt.normalize()).dt.total_seconds().to_numpy()
     return moments.dt.tz_localize(None).to_numpy(dtype="datetime64[ns]")
 
 
@@ -115,7 +123,7 @@ def in_seconds(
             first = float(values[np.isfinite(values)][0])
             origin = first * UNITS["time"][clock.unit][0]
             seconds = (values - first) * UNITS["time"][clock.unit][0]
-    elif clock.format == OF_DAY:
+    elif clock.is_of_day:
         seconds = _past_midnight(values)
     else:
         known = ~np.isnat(values)
@@ -155,12 +163,12 @@ def to_seconds(clock: TimeColumns, origin_s: float, value: object, where: str) -
         if not clock.is_dated or clock.since_1970:
             return float(value) * UNITS["time"][clock.unit][0] - origin_s
     elif isinstance(value, str):
-        if clock.format == OF_DAY:
-            import pandas as pd
-
-            seconds = float(_clock_s(pd.Series([value]))[0])
-            if np.isfinite(seconds):
-                return seconds
+        if clock.is_of_day:
+            for format_ in (OF_DAY, clock.format):
+                said = TimeColumns(("said",), format_)
+                seconds = float(parsed(said, {"said": np.array([value], dtype=object)})[0])
+                if np.isfinite(seconds):
+                    return seconds
         elif clock.is_dated:
             for read in (datetime.fromisoformat, lambda text: datetime.strptime(text, clock.format)):
                 try:
@@ -168,14 +176,14 @@ def to_seconds(clock: TimeColumns, origin_s: float, value: object, where: str) -
                 except ValueError:
                     continue
     wanted = "a date and time such as 2024-05-23T14:45:20.5" if clock.is_dated else f"a number, in {clock.unit}"
-    if clock.format == OF_DAY:
+    if clock.is_of_day:
         wanted = 'text such as "14:45:20.5"'
     raise BenchError(f"{where}: {value!r} is no time on this log's clock; expected {wanted}, as the log itself counts")
 
 
 def to_map(clock: TimeColumns, origin_s: float, seconds: float, digits: int = 2) -> str:
     """A time of the log as a TOML value in the log's own terms, to `digits` decimals of a second."""
-    if clock.format == OF_DAY:
+    if clock.is_of_day:
         hours, rest = divmod(round(seconds, digits), 3600.0)
         return f'"{int(hours):02d}:{int(rest // 60):02d}:{rest % 60:0{3 + digits if digits else 2}.{digits}f}"'
     if clock.is_dated and not clock.since_1970:
@@ -184,6 +192,11 @@ def to_map(clock: TimeColumns, origin_s: float, seconds: float, digits: int = 2)
     factor = UNITS["time"][clock.unit][0]
     places = max(0, digits + round(np.log10(factor)))
     return f"{(origin_s + seconds) / factor:.{places}f}"
+
+
+def unit_shown(clock: TimeColumns) -> str:
+    """What stands behind a time of the log as `to_map` writes it: its unit, where it counts in another than seconds."""
+    return f" {clock.unit}" if clock.format == NUMBERS and clock.unit != "s" else ""
 
 
 def _clock_s(texts: Any) -> Array:

@@ -12,6 +12,7 @@ from made_up_logs import (
     LOG,
     MAP,
     MARKED,
+    NIGHT,
     TWO,
     WAYS,
     date,
@@ -280,6 +281,27 @@ def test_a_log_whose_newest_row_stands_on_top_is_read_from_its_end(capsys, tmp_p
     assert run(log, "--look", "--out", tmp_path) == 0
     said = capsys.readouterr().out
     assert "one every 0.5 s" in said and "out of order" not in said and "starts anew" not in said
+
+
+@pytest.mark.parametrize("name", ["T", "T [C]"])
+def test_a_temperature_that_falls_is_no_clock_of_which_the_newest_row_is_on_top(name):
+    cells = [[f"{20 - 0.1 * n:.1f}", f"{50 + n % 3}"] for n in range(60)]
+    assert clock_columns.guess_clock([name, "rh"], cells, ["", ""]) is None
+
+
+def test_times_without_a_date_are_times_of_day_whatever_their_format(tmp_path, capsys):
+    """Hour, minute and second in columns of their own, past midnight: no day of 1900, and no clock that starts anew."""
+    log = written(tmp_path / "log.csv", text(plain("h,m,s,temp,rh", date("%H,%M,%S.%f", NIGHT))))
+    said = '[log]\ntime = ["h", "m", "s"]\ntime_format = "%H %M %S.%f"\n[sensor.a]\ntemperature = "temp"\n'
+    map_ = written(tmp_path / "m.toml", said)
+    assert run(log, "--map", map_, "--out", tmp_path / "c") == 0
+    shown = capsys.readouterr().out
+    assert "1900" not in shown and "starts anew" not in shown and "23:58:20" in shown  # 80.13 s after 23:57
+    campaign = read_campaign(tmp_path / "c")
+    assert len(campaign.runs) == 3 and campaign.runs[0].extra["imported"]["times"] == "named"
+    steps = '[[step]]\nat = "23:58:20.1"\n[[step]]\nat = "23 59 50.7"\n'
+    assert run(log, "--map", written(tmp_path / "n.toml", said + steps), "--out", tmp_path / "d") == 0
+    assert len(read_campaign(tmp_path / "d").runs) == 2
 
 
 def test_coarse_stamps_are_spread(tmp_path, capsys):

@@ -282,6 +282,10 @@ def test_the_picture_shows_every_step_where_it_is(tmp_path):
         marked = [line.get_xdata()[0] for line in axes.lines if len(line.get_xdata()) == 2]
         assert marked == pytest.approx(LOG.steps_s, abs=1.0)
     assert len(close) == 3 and close[2].get_title(loc="left").endswith("not used")
+    log = written(tmp_path / "ms.csv", WAYS["milliseconds"])
+    seen = look_at([log], tmp_path / "ms.toml")
+    (*_, last) = draw_log(seen.logs[0], seen.steps[0], [True, True, True]).axes
+    assert last.get_title(loc="left").startswith("3: 260") and " ms ± 0." in last.get_title(loc="left")
 
 
 def test_haar_comes_out_as_its_authors_say(tmp_path):
