@@ -72,7 +72,7 @@ def _colour(sensors: SensorLog, name: str) -> str:
 def _clock(sensors: SensorLog, seconds: Array) -> Any:
     """Times as the log itself counts, for an axis."""
     log = sensors.log
-    if log.clock.is_dated:
+    if log.clock.is_dated or log.clock.is_of_day:
         return np.asarray((log.origin_s + seconds) * 1e6, dtype="datetime64[us]")
     return seconds / UNITS["time"][log.clock.unit][0]
 
@@ -87,13 +87,18 @@ def _draw_whole(axes: Axes, sensors: SensorLog, key: str) -> None:
             time_s, value = _envelope(log.time_s[readings.rows[inside]], readings.values[key][inside])
             label = literal(name) if k == 0 else None
             axes.plot(_clock(sensors, time_s), value, color=_colour(sensors, name), lw=1.0, label=label)
-    if log.clock.is_dated:
+    if log.clock.is_dated or log.clock.is_of_day:
         from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 
         locator = AutoDateLocator()  # type: ignore[no-untyped-call]
+        form = ConciseDateFormatter(locator, show_offset=log.clock.is_dated)  # type: ignore[no-untyped-call]
+        if log.clock.is_of_day:  # of no day: midnight is 00:00
+            form.zero_formats[1:] = 5 * ["%H:%M"]
         axes.xaxis.set_major_locator(locator)
-        axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
-    axes.set_xlabel("time as the log has it" if log.clock.is_dated else f"time of the log, {log.clock.unit}")
+        axes.xaxis.set_major_formatter(form)
+        axes.set_xlabel("time as the log has it")
+    else:
+        axes.set_xlabel(f"time of the log, {log.clock.unit}")
 
 
 def _envelope(time_s: Array, value: Array) -> tuple[Array, Array]:

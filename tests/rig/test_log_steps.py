@@ -282,6 +282,12 @@ def test_the_picture_shows_every_step_where_it_is(tmp_path):
         marked = [line.get_xdata()[0] for line in axes.lines if len(line.get_xdata()) == 2]
         assert marked == pytest.approx(LOG.steps_s, abs=1.0)
     assert len(close) == 3 and close[2].get_title(loc="left").endswith("not used")
+    log = written(tmp_path / "day.csv", WAYS["time of day, past midnight"])
+    seen = look_at([log], tmp_path / "day.toml")
+    figure = draw_log(seen.logs[0], seen.steps[0], [True, True, True])
+    figure.canvas.draw()
+    ticks = [label.get_text() for label in figure.axes[0].get_xticklabels()]
+    assert "23:58" in ticks and "00:00" in ticks and all(":" in tick for tick in ticks), "as the steps' titles say it"
     log = written(tmp_path / "ms.csv", WAYS["milliseconds"])
     seen = look_at([log], tmp_path / "ms.toml")
     (*_, last) = draw_log(seen.logs[0], seen.steps[0], [True, True, True]).axes
