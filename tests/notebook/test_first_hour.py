@@ -309,6 +309,8 @@ def test_a_start_that_nobody_recorded_is_looked_for_once(log, monkeypatch):
     asked = []
     monkeypatch.setattr(gather, "estimate_start", lambda time_s, value: asked.append(time_s) or 50.0)
     fresh = shockrig.import_log(shockrig.example("steps.csv"))
+    unseen = tuple(dataclasses.replace(run, extra={}) for run in fresh.runs)  # as if no import had
+    fresh = dataclasses.replace(fresh, runs=unseen)
     for _ in range(2):
         gather.usable_runs(fresh, "temperature")
         gather.usable_runs(fresh, "humidity")
