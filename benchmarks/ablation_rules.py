@@ -99,6 +99,7 @@ RULES = (
     Rule("sound part", "what a new effect leaves idle goes", {f"{S}Race._sound_part": _sound_as_it_is}),
     # The score.
     Rule("discrepancy", "each model is wrong by something of its own", {f"{E}predictive.DISCREPANCIES": np.zeros(1)}),
+    Rule("misfit", "readings scatter more about a wrong model", {f"{E}predictive.MISFITS": np.zeros(0)}),
     Rule("noise of a run", "a run's noise is not quite known", {f"{E}predictive.NOISE_DEGREES": 1e6}),
     # The search.
     Rule("forms", "the grammar", {f"{C}forms": _nothing}),

@@ -112,7 +112,7 @@ SEARCHED = {
     f"level:{name}" for name in ("effect", "form", "factor", "named", "anything", "hidden_noise", "not_gaussian")
 }
 SEARCHED |= {f"design.{name}" for name in ("precision.FEWEST_RUNS", "varied.VARIED_RATIO", "varied.OTHER_PRESSURE")}
-SEARCHED |= {"physics.air_exchange.DEW_FALLS_K", "estimate.noise.AVERAGED_KNOWN_TO"}
+SEARCHED |= {"physics.air_exchange.DEW_FALLS_K", "estimate.noise.AVERAGED_KNOWN_TO", "estimate.predictive.MISFITS"}
 _SEARCHES: dict[Any, Any] = {}
 
 

@@ -85,8 +85,7 @@ _OTHER = (
 _TIMES = (
     "time", "timestamp", "datetime", "date_time", "date time", "date-time", "t", "date", "datum", "zeit", "uhrzeit",
     "elapsed", "elapsed time", "seconds", "millis", "milliseconds", "micros", "microseconds", "minutes", "hours",
-    "epoch", "unixtime", "unix", "ms", "fecha", "hora",
-    "heure", "clock", "tms",
+    "epoch", "unixtime", "unix", "ms", "fecha", "hora", "heure", "clock", "tms",
 )  # fmt: skip
 OUTSIDE = ("external", "outside", "outdoor", "ambient", "ext", "air")
 _BRACKETS = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]")

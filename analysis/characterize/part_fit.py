@@ -304,7 +304,7 @@ def joint_rows(
     looked_at = scattered or missed
     apart = _apart(part) if looked_at else np.zeros(channel.ambients_c.size)
     shown = by_themselves(channel) if looked_at else {}
-    modelled = _modelled(part) if looked_at else {}
+    modelled = _modelled(part) if missed else {}
     rows: list[TableRow] = []
     undetermined: list[LeftOut] = []
     for g, (first, check) in enumerate(optima or [(None, None)] * channel.ambients_c.size):

@@ -40,7 +40,7 @@ def describe(
 ) -> dict[str, object]:
     """What is left, without physics: its size, when in the run it is largest, and what it varies with."""
     weight, share = problem.channel.count, in_common(problem.channel, found, noise)
-    size = float(np.sqrt((weight * found.residual**2).sum() / weight.sum()))
+    size = left_rms(problem, found)
     return {
         "size_rms": size,
         "size_peak": float(np.abs(np.where(weight > 0, found.residual, 0.0)).max()),
@@ -53,6 +53,12 @@ def describe(
         "varies_with": list(left.varies_with),
         **({} if share is None else {"in_common": share}),
     }
+
+
+def left_rms(problem: Problem, found: Fit) -> float:
+    """Root mean square of what a fit leaves, each bin counting as its samples do [channel's unit]."""
+    weight = problem.channel.count
+    return float(np.sqrt((weight * found.residual**2).sum() / weight.sum()))
 
 
 def is_material(significant: bool, size: float, peak: float, tolerance: float) -> bool:

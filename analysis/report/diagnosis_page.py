@@ -449,8 +449,7 @@ def _advice(views: Sequence[ChannelView]) -> list[Block]:
                 rows.setdefault(effect, [named(effect), CATALOGUE[effect].words.advice])
     if rows:
         return [Table(("because of", "do"), list(rows.values()))]
-    unsaid = ("unexplained", "described")
-    if any(v.found.verdict in unsaid or not v.found.gain.measured and wandering(v.found) for v in views):
+    if any(view.found.verdict in ("unexplained", "described") or wandering(view.found) for view in views):
         return [
             Text("No cause is named that would say what to do: look for what behaves like what is left.", "warning")
         ]

@@ -6,11 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from shockrig.analysis.characterize.result import FAR_ABOVE_NOISE
 from shockrig.analysis.diagnose.diagnosed import Cause, ChannelDiagnosis, Diagnosis
 from shockrig.analysis.diagnose.gain import Gain
+from shockrig.analysis.diagnose.remainder import left_rms
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.described import entry_of, is_described, of_readings, rounded
 from shockrig.analysis.effects.forms import ONLY_FROM, SCATTER, SPREAD, form_of, is_group, is_step
@@ -399,10 +398,11 @@ def _late(found: ChannelDiagnosis, left: Mapping[str, Any]) -> bool:
 
 
 def wandering(found: ChannelDiagnosis) -> float:
-    """Rms of what the stated model leaves of single readings [channel's unit], where that is far above their noise and
-    passes for noise only because it hangs together; else 0."""
-    count = found.problem.channel.count
-    size = float(np.sqrt((count * found.final.residual**2).sum() / count.sum()))
+    """Rms of what the stated model leaves [channel's unit], where no other run could be tried and that is far above the
+    noise of single readings, and passes for noise only because it hangs together; else 0."""
+    if found.gain.measured:
+        return 0.0
+    size = left_rms(found.problem, found.final)
     return size if size > FAR_ABOVE_NOISE * found.noise.standard_deviation else 0.0
 
 
@@ -416,8 +416,8 @@ def remainder_sentence(found: ChannelDiagnosis) -> str:
     elif found.gain.measured:  # the peak is that of the fit to all runs: less than unseen runs are off by is no most
         size += f" (fitted to all runs, {plain(left.peak, 2)} {left.unit} at most)" if left.peak > 0.0 else ""
     if left.rms <= 0.0 and left.peak <= 0.0:
-        if not found.gain.measured and (size_rms := wandering(found)):
-            return f"Left {where}: {plain(size_rms, 2)} {left.unit} rms, which hangs together as noise of theirs may."
+        if wanders := wandering(found):
+            return f"Left {where}: {plain(wanders, 2)} {left.unit} rms, which hangs together as noise of theirs may."
         seen = ", though statistics sees a pattern in it" if left.significant else ""
         return f"Left {where}: nothing above the noise{seen}."
     if not left.significant:
