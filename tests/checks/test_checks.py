@@ -20,6 +20,7 @@ from shockrig.analysis.checks.rates import begins_after, responses, two_groups
 from shockrig.analysis.checks.signals import look
 from shockrig.files.campaign import Campaign, Run, RunAir, Trace, read_campaign
 from shockrig.files.errors import InputError
+from shockrig.files.misspelt import CAMPAIGN_KEYS, misspelt
 from shockrig.rig.virtual.hide import draw_hidden
 from shockrig.rig.virtual.plans import wide_plan
 
@@ -80,6 +81,20 @@ def test_a_key_that_is_nearly_another_is_said_with_the_runs_that_have_it(pairs, 
     assert [(f.runs, f.severity) for f in of_keys] == [((), "warn"), (tuple(names[2:4]), "warn")]
     assert "key sensorz: is sensors meant?" in of_keys[0].sentence
     assert "key airflow: is airflow_m_s meant?" in of_keys[1].sentence
+
+
+@pytest.mark.parametrize(
+    ("sensors", "beside", "said"),
+    [
+        ({"imett": {"kind": "imet-xf"}}, {}, "key sensors.imett: is imet meant?"),
+        ({"imet-2": {"serail": "7"}}, {}, "key sensors.imet-2.serail: is serial meant?"),
+        ({}, {"bead_radius_m": 4e-4}, "key bead_radius_m: is sensors.imet.bead_radius_m meant?"),
+        ({"film_thickness_m": 1e-5}, {}, "key sensors.film_thickness_m: is sensors.hyt.film_thickness_m meant?"),
+    ],
+)
+def test_a_slip_in_what_is_said_of_the_sensors_is_told(sensors, beside, said):
+    """Before: a sensor's name, a second probe's keys and a key one level off were ignored without a word."""
+    assert list(misspelt({"name": "c", "sensors": sensors} | beside, CAMPAIGN_KEYS)) == [said]
 
 
 def test_what_is_right_is_left_alone(pairs):
