@@ -50,7 +50,7 @@ def main() -> int:
             for _ in range(args.times):
                 for name, where in versions.items():
                     os.environ["PYTHONPATH"] = where
-                    command = [sys.executable, "-m", "shockrig.protocols.cli", "correct"]
+                    command = [sys.executable, "-m", "shockrig", "correct"]
                     rest = ["--profile", str(home / "profile.json"), "--out", str(home / "out.csv")]
                     rest += ["--no-report"] * args.no_report
                     start, _ = cost([*command, str(home / "few.csv"), *rest])

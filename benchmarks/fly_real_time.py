@@ -68,7 +68,7 @@ def delays(late_s: np.ndarray) -> str:
 
 
 def shockrig(*words: str) -> list[str]:
-    return [sys.executable, "-m", "shockrig.protocols.cli", *words]
+    return [sys.executable, "-m", "shockrig", *words]
 
 
 def flown(command: list[str], environment: dict[str, str], for_s: float, number: int) -> tuple[float, float]:

@@ -47,7 +47,7 @@ def prepared(folder: Path) -> None:
 
 
 def started(folder: Path, name: str, mark: str) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "shockrig.protocols.cli", *COMMANDS[name][0]]
+    command = [sys.executable, "-m", "shockrig", *COMMANDS[name][0]]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     env = os.environ | {MARK: mark, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     return subprocess.Popen(command, cwd=folder, env=env, start_new_session=True, **quiet)

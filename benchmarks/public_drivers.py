@@ -63,7 +63,7 @@ for found in heard[:{reads}]:
 @contextmanager
 def emulating(folder: Path, *arguments: str) -> Iterator[None]:
     """The rig's emulated instruments, from when they answer until the end of the block."""
-    command = [sys.executable, "-m", "shockrig.protocols.cli", "emulate", *arguments, "--folder", str(folder)]
+    command = [sys.executable, "-m", "shockrig", "emulate", *arguments, "--folder", str(folder)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             for line in process.stdout or ():

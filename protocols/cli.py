@@ -294,7 +294,3 @@ def _check_common(arguments: Sequence[str], args: argparse.Namespace) -> None:
         if not 0 <= args.seed <= LARGEST_SEED:
             expected = f"expected a whole number from 0 to {LARGEST_SEED}, which is what 64 bits hold"
             raise InputError(f"--seed {args.seed}: {expected}")
-
-
-if __name__ == "__main__":
-    sys.exit(main())

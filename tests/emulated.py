@@ -109,7 +109,7 @@ def watch(part, clock, for_s):
 @contextmanager
 def emulating(tmp_path, *arguments, begin=None, number=signal.SIGINT):
     """The command in a process of its own; yields it once it has said how to reach its instruments."""
-    command = [sys.executable, "-m", "shockrig.protocols.cli", "emulate", *arguments, "--folder", str(tmp_path)]
+    command = [sys.executable, "-m", "shockrig", "emulate", *arguments, "--folder", str(tmp_path)]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=begin
     ) as process:

@@ -178,7 +178,7 @@ def unit(args: argparse.Namespace) -> str:
     import getpass
     import shlex
 
-    words = [sys.executable, "-m", "shockrig.protocols.cli", "fly"]
+    words = [sys.executable, "-m", "shockrig", "fly"]
     bench = str(args.bench.resolve()) if args.bench.exists() else str(args.bench)
     words += ["--bench", bench, "--profile", str(args.profile.resolve()), "--out", str(args.out.resolve())]
     for name in ("mavlink", "dronecan"):

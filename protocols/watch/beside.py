@@ -45,7 +45,7 @@ class LiveObserver(SilentObserver):
             self._lines.run_began(run, number, total, now_s)
         elif not self._begun:
             self._begun = True
-            command = [sys.executable, "-P", "-m", "shockrig.protocols.cli", "watch", str(self._campaign.resolve())]
+            command = [sys.executable, "-P", "-m", "shockrig", "watch", str(self._campaign.resolve())]
             try:
                 self._view = subprocess.Popen(command, stdin=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
             except OSError as error:

@@ -417,7 +417,7 @@ def test_a_simulation_that_the_disk_has_no_room_for_leaves_nothing(tmp_path, out
     before = sorted(tmp_path.rglob("*"))
     words = ["simulate", "inversion", "--out", str(tmp_path / out), "--set", "top_m=150"]
     done = subprocess.run(
-        [sys.executable, "-m", "shockrig.protocols.cli", *words],
+        [sys.executable, "-m", "shockrig", *words],
         cwd=Path(__file__).parents[2],
         env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (5_000, 5_000)),

@@ -262,14 +262,14 @@ def test_a_killed_flight_loses_nothing_and_the_next_one_goes_on(tmp_path, profil
     port = tmp_path / "ttyXF"
     bench = tmp_path / "bench.toml"
     text = subprocess.run(
-        [sys.executable, "-m", "shockrig.protocols.cli", "bench", "drone"], capture_output=True, text=True, check=True
+        [sys.executable, "-m", "shockrig", "bench", "drone"], capture_output=True, text=True, check=True
     ).stdout
     bench.write_text(text.replace("/dev/ttyUSB0", str(port)))
     ground = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     ground.bind(("127.0.0.1", 0))
     ground.settimeout(60)
     address = f"udpout:127.0.0.1:{ground.getsockname()[1]}"
-    command = [sys.executable, "-m", "shockrig.protocols.cli", "fly", "--bench", str(bench), "--profile", str(profile),
+    command = [sys.executable, "-m", "shockrig", "fly", "--bench", str(bench), "--profile", str(profile),
                "--out", str(tmp_path / "flights"), "--mavlink", address]  # fmt: skip
     with ground, emulating(tmp_path, "imet-xf", "hyt-271", "--link", str(port)):
         for number, name in enumerate(("0001", "0002")):

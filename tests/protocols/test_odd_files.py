@@ -266,7 +266,7 @@ def test_names_of_any_bytes_are_names_in_any_locale(tmp_path):
         shutil.copytree(campaign(tmp_path / f"c{number}"), tmp_path / os.fsdecode(name))
         for settings in ({"LANG": "C"}, {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}):
             done = subprocess.run(
-                [sys.executable, "-m", "shockrig.protocols.cli", "status", name],
+                [sys.executable, "-m", "shockrig", "status", name],
                 cwd=tmp_path,
                 env={k: v for k, v in os.environ.items() if not k.startswith("LC_")} | settings,
                 capture_output=True,
@@ -481,7 +481,7 @@ def test_what_another_command_is_writing_is_left_alone(tmp_path, monkeypatch):
 def test_a_command_that_is_told_to_end_leaves_nothing(tmp_path):
     """SIGTERM and a closed terminal, while the command waits for its worker processes."""
     campaign_ = Path(__file__).parents[2] / "data" / "examples" / "plain-rough"
-    command = [sys.executable, "-m", "shockrig.protocols.cli", "characterize", str(campaign_), "--out", "o"]
+    command = [sys.executable, "-m", "shockrig", "characterize", str(campaign_), "--out", "o"]
     for number in (signal.SIGTERM, signal.SIGHUP):
         with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as one:
             heard(one, one.stderr, "temperature")
@@ -544,7 +544,7 @@ def test_two_hyphens_are_no_value(tmp_path, monkeypatch, capsys):
 def test_names_of_any_bytes_are_printed(tmp_path):
     """On a terminal in UTF-8, whose encoding is strict."""
     shutil.copytree(campaign(tmp_path / "c"), tmp_path / os.fsdecode(b"\xff\xfe"))
-    command = [sys.executable, "-m", "shockrig.protocols.cli", "status", b"\xff\xfe"]
+    command = [sys.executable, "-m", "shockrig", "status", b"\xff\xfe"]
     strict = os.environ | {"PYTHONIOENCODING": "utf-8:strict"}
     done = subprocess.run(command, cwd=tmp_path, env=strict, capture_output=True, timeout=300)
     assert (done.returncode, done.stderr) == (0, b"") and b"2 runs recorded" in done.stdout

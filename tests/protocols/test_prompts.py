@@ -91,7 +91,7 @@ class Terminal:
         self._master, slave = os.openpty()
         termios.tcsetwinsize(slave, (40, 120))
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "shockrig.protocols.cli", *map(str, words)],
+            [sys.executable, "-m", "shockrig", *map(str, words)],
             cwd=ROOT,
             env={**os.environ, "TERM": "xterm"},
             stdin=slave,
@@ -354,7 +354,7 @@ def cable(tmp_path, monkeypatch):
 
     def plug_in():
         words = ["emulate", "imet-xf", "--folder", tmp_path / "bus", "--link", f"imet-xf={tmp_path / 'bus/imet'}"]
-        command = [sys.executable, "-m", "shockrig.protocols.cli", *map(str, words)]
+        command = [sys.executable, "-m", "shockrig", *map(str, words)]
         plugged.append(subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE))
         wait_for((tmp_path / "bus/imet").exists, plugged[-1])
         return partial(ended, plugged[-1], signal.SIGINT)

@@ -264,7 +264,7 @@ def test_the_largest_seed_can_be_recorded_with_and_gone_on_with(tmp_path, tiny):
 )
 def test_a_signal_leaves_a_campaign_that_goes_on(tmp_path, number, begin, code):
     out = tmp_path / "c"
-    command = [sys.executable, "-m", "shockrig.protocols.cli", "run", "quick", "--out", str(out)]
+    command = [sys.executable, "-m", "shockrig", "run", "quick", "--out", str(out)]
     root = Path(__file__).parents[2]
     process = subprocess.Popen(command, cwd=root, stderr=subprocess.PIPE, text=True, preexec_fn=begin)
     wait_for(lambda: list(out.glob("recording/*/journal.log")), process)

@@ -55,7 +55,7 @@ destination = { temperature_c = 30, humidity_percent = 30 }
 
 
 def shockrig(*arguments, stdout=subprocess.PIPE):
-    command = [sys.executable, "-m", "shockrig.protocols.cli", *map(str, arguments)]
+    command = [sys.executable, "-m", "shockrig", *map(str, arguments)]
     return subprocess.Popen(command, cwd=ROOT, text=True, stderr=subprocess.PIPE, stdout=stdout)
 
 

@@ -248,7 +248,7 @@ def test_a_folder_that_cannot_be_written_is_told(tmp_path):
 def test_from_the_address_in_the_terminal_to_the_recorder(live):  # noqa: F811
     """The command's own token, a recording in real time, and a page that is opened late."""
     recorder, out = live
-    command = [sys.executable, "-m", "shockrig.protocols.cli", "watch", str(out), "--web", "--control"]
+    command = [sys.executable, "-m", "shockrig", "watch", str(out), "--web", "--control"]
     with subprocess.Popen(command, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as watching:
         try:
             url = heard(watching, watching.stdout, "http").split()[0]
