@@ -158,12 +158,11 @@ def estimate_start(time_s: Array, value: Array) -> float | None:
         low, high = max(best - reach, first), min(best + reach, last)
     if best <= time_s[1]:  # a level that one reading gives is no plateau
         return first
-    at_once, later = _misfits(time_s, value, np.ones(time_s.size), np.array([first, best]))
-    return (
-        best
-        if time_s.size * np.log(max(at_once, EXACT_MISFIT) / max(later, EXACT_MISFIT)) > np.log(time_s.size)
-        else first
-    )
+    # How well so few relaxations meet one of another speed depends on where they begin, by as much as the readings do.
+    beside = time_s[np.searchsorted(time_s, best) + np.array([-1, 0])]
+    at_once, *later = _misfits(time_s, value, np.ones(time_s.size), np.array([first, best, *beside]))
+    gained = np.log(max(at_once, EXACT_MISFIT) / max(min(later), EXACT_MISFIT))
+    return best if time_s.size * gained > np.log(time_s.size) else first
 
 
 def _thinned(time: Array, value: Array, middle: float, reach: float) -> tuple[Array, Array, Array]:
