@@ -115,8 +115,8 @@ def test_a_start_that_nobody_recorded_is_estimated(start):
 
 @pytest.mark.parametrize("rest_s", [10.3, 20.0, 20.3, 40.0, 60.3])
 def test_a_short_rest_before_a_long_record_is_seen(rest_s):
-    """Before: so few relaxations met one lag so badly at a start just before a reading that, in the last comparison, one
-    at once did as well, and 63 % of the way was said to come 20 s late."""
+    """Before: so few relaxations met one lag so badly at a start just before a reading that one at once did as well in
+    the last comparison, and 63 % of the way was said to come 20 s late."""
     rng, time = np.random.default_rng(1), np.arange(0.0, 920.0)
     value = lag(time, rest_s, 60.0) + 0.005 * rng.standard_normal(time.size)
     assert estimate_start(time, value) == pytest.approx(rest_s, abs=3.0)
