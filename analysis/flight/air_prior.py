@@ -184,7 +184,6 @@ def fit_prior(
     passing: Passing | None = None,
     *,
     spread: float,
-    relative_noise: Array | float = 1.0,
     parts: int = 1,
 ) -> Prior:
     """Strengths of the typical stretch of a flight: Whittle's likelihood of the median over segments of their power.
@@ -199,25 +198,21 @@ def fit_prior(
         The noise floor expected, known within a factor exp(`spread`).
     passing : Passing, optional
         With `sigma` for each segment.
-    relative_noise : (s,), optional
-        Noise of each segment over the flight's.
     parts : int
         Into how many straight pieces the air between two readings is cut.
     """
     frequency, power, weight = _periodograms(reading, period_s)
     white = 2 * period_s
     known = np.zeros((1, frequency.size)) if passing is None else passing_spectrum(passing, frequency, period_s)
-    # in units of each segment's noise, so that all have the same
-    own = np.broadcast_to(np.square(relative_noise), len(reading))[:, None]
     # one front does not speak for the whole flight; the median of a mean of squares lies below its mean
     several = len(power) >= 3
-    power, known = (_usual(each / own, several) for each in (power, known))
+    power, known = _usual(power, several), _usual(known, several)
     if several:
         power = power / (1 - 1 / (9 * _independent(weight))) ** 3
         weight = weight * len(reading) / 2
     found = []
     for smooth in (False, True):
-        shapes = [_usual(s / own, several) for s in seen(response, frequency, period_s, parts, smooth)]
+        shapes = [_usual(s, several) for s in seen(response, frequency, period_s, parts, smooth)]
         found.append(_most_likely(power, known, np.stack(shapes), white, weight, noise, spread))
     (rough_cost, rough), (smooth_cost, smooth_strengths) = found
     as_smooth = Prior(*np.exp(smooth_strengths), smooth=True)
@@ -303,7 +298,6 @@ def fit_windows(
     period_s: float,
     common: Prior,
     passing: Passing | None = None,
-    relative_noise: Array | float = 1.0,
     parts: int = 1,
 ) -> Prior:
     """Strengths of each segment (s, n), most of which are alike, fronts are not; the noise is the flight's.
@@ -315,7 +309,7 @@ def fit_windows(
     """
     frequency, power, weight = _periodograms(reading, period_s)
     turbulence, bend = seen(response, frequency, period_s, parts, common.smooth)
-    known = 2 * period_s * common.noise**2 * np.broadcast_to(np.square(relative_noise), len(reading))[:, None]
+    known = 2 * period_s * common.noise**2 * np.ones((len(reading), 1))
     low = _weakest(turbulence, bend, 2 * period_s * float(common.noise) ** 2)
     if passing is not None:
         known = known + passing_spectrum(passing, frequency, period_s)
@@ -359,7 +353,7 @@ def fit_windows(
     turbulent, bent = np.sqrt(share.sum(axis=2) @ strengths[0]), np.sqrt(share.sum(axis=1) @ strengths[1])
     if common.instead is not None:
         # a trend that falls less steeply than the air's takes the part of its turbulence
-        other = fit_windows(reading, response, period_s, common.instead, passing, relative_noise, parts).turbulence
+        other = fit_windows(reading, response, period_s, common.instead, passing, parts).turbulence
         turbulent = np.sqrt((1.0 - common.share) * turbulent**2 + common.share * other**2)
     return Prior(turbulent, bent, common.noise * np.ones(len(reading)), smooth=common.smooth)
 

@@ -508,7 +508,8 @@ def _of_temperature(readings: FlightReadings, air: Array, error: Array, bead: Fl
     passing = Passing(percent_per_k * error, bead.resolved_rate, coupling)
     # a reading whose temperature is not known is none of vapour
     unread = _unread(bead, time_s)
-    most = np.maximum(VAGUE_TIMES * np.median(passing.sigma), VAGUE_NOISES * np.sqrt(readings.noise_variance))
+    noise = np.sqrt(readings.noise_variance)
+    most = noise * np.maximum(VAGUE_TIMES * np.median(passing.sigma / noise), VAGUE_NOISES)
     vague = passing.sigma > most
     # over a while, readings of vapour that is known badly say more than none, if it is known better than it moves
     lasting = _long(vague, time_s, APART_S)
@@ -723,8 +724,8 @@ def _coupling(
     """Vapour that goes with each unit of Passing: minus its slope against temperature over that of the conversion.
 
     Both over some seconds and as the film sees them, so the temperature is lagged like the vapour was. Slope by signs
-    and medians, so that one front does not speak for the whole flight, and less of it where chance or the
-    temperature's error explain it.
+    and medians, so that one front does not speak for the whole flight, of vapour in units of the conversion, so that
+    neither does what is warm, and less of it where chance or the temperature's error explain it.
     """
     period = typical_period(time_s)
     lag = max(int(round(APART_S / period)), 1)
@@ -733,7 +734,7 @@ def _coupling(
     lagged = as_lagged(temperature, response, period)
     smooth = max(int(round(SMOOTHED_S / period)), 1)
     a, b = (uniform_filter1d(v, smooth) for v in (vapour, lagged))
-    a, b = a[lag:] - a[:-lag], b[lag:] - b[:-lag]
+    a, b = (a[lag:] - a[:-lag]) / np.maximum(percent_per_k[lag:], np.finfo(float).tiny), b[lag:] - b[:-lag]
     a, b = a - np.median(a), b - np.median(b)
     width_a, width_b = float(np.median(np.abs(a))), float(np.median(np.abs(b)))
     if width_a == 0 or width_b == 0:
@@ -743,7 +744,7 @@ def _coupling(
     agree *= max(1.0 - chance / max(agree**2, chance), 0.0)
     error = 0.5 * float(np.median(sigma)) / (MAD_TO_SIGMA * width_b)
     slope = np.sin(0.5 * np.pi * agree) * width_a / width_b * max(1.0 - error**2, 0.0)
-    return float(np.clip(-slope / np.median(percent_per_k), -MOST_COUPLING, MOST_COUPLING))
+    return float(np.clip(-slope, -MOST_COUPLING, MOST_COUPLING))
 
 
 def _correlation(time_s: Array, vapour: Array, temperature: Array) -> float:

@@ -14,6 +14,7 @@
 #define TREND 3
 #define EDDIES 3
 #define MOST 32 /* states */
+#define ASKEW 16 /* steps after which rounding's skew part is taken out of a covariance */
 #if defined(_MSC_VER)
 #define INLINE static __forceinline
 #else
@@ -120,6 +121,13 @@ INLINE void apply_back(const Task *t, const Move *m, double rows[][MOST], int wi
 INLINE void transpose(double (*from)[MOST], double (*to)[MOST], int n) {
     for (int i = 0; i < n; i++)
         for (int j = 0; j < n; j++) to[i][j] = from[j][i];
+}
+
+/* No reading takes out of a covariance what rounding makes of it that is not symmetric, and where the air is a thousand
+ * times drier than it was that is all there is. */
+INLINE void symmetrize(double p[][MOST], int n) {
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < i; j++) p[i][j] = p[j][i] = 0.5 * (p[i][j] + p[j][i]);
 }
 
 INLINE void swap(double (**a)[MOST], double (**b)[MOST]) {
@@ -235,6 +243,7 @@ INLINE void run_window(const Task *t, Py_ssize_t window, double *kept, const int
             transpose(p, other, n);
             apply(t, &move, other, n);
             swap(&p, &other);
+            if (k % ASKEW == 0) symmetrize(p, n);
             add_innovation(t, &move, at, p, n);
             if (t->leaps && (t->jump[2 * at] != 0.0 || t->jump[2 * at + 1] != 0.0)) {
                 set_leap(t, at, leap, n);

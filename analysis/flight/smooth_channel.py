@@ -136,7 +136,7 @@ def with_jumps(
     """
     jumps, own = none(values.size) if jumps is None else jumps, np.zeros(values.size)
     found = swept(track, values, variance, local, jumps)
-    typical = local.each(lambda strength: np.full(values.size, np.median(strength)))
+    typical = as_usual(local)
     guess = lags_behind(values, track.along, track.period_s, track.broken)
     for number in range(SEARCH_ROUNDS):
         places = _places(track, variance, found.jump_score, known_s if number == 0 else np.zeros((0, 2)))
@@ -171,6 +171,11 @@ def with_jumps(
             local = refit(without(track, values, found, jumps))
             found = swept(track, values, variance, local, jumps)
     return found, local, jumps, own
+
+
+def as_usual(local: Prior) -> Prior:
+    """Strengths (n,) as they usually are beside the readings' own noise, at each node."""
+    return local.each(lambda strength: np.median(strength / local.noise) * local.noise)
 
 
 def _own_places(
@@ -220,6 +225,8 @@ def _own_step(around: Neighbourhood, jumps: Jumps, near: int) -> OwnStep | None:
     cost = around.costs([here] * len(off), off)
     more, less = cost[1:].reshape(2, -1) - cost[0]
     slope, bend = 0.5 * (more - less), more + less
+    if not (bend > 0.0).all():  # beside what the temperature leaves open the readings tell nothing of it
+        return None
     # under a variance that is as large as it comes out, as those of the air's jumps are
     size = -slope / bend
     square = bend * size**2
@@ -651,7 +658,7 @@ def estimate(
     track, along = on.track, on.track.along
     strengths = _strengths(on, usable, noise_variance, rounding, loud)
     local = strengths(on.bridged)
-    noise_factor = float(local.noise[0]) / strengths.expected if rounding is None else 1.0
+    noise_factor = float(local.noise[0] / strengths.noise[0]) if rounding is None else 1.0
     variance = np.where(on.measured, noise_variance[on.row] * noise_factor**2, np.inf)
     known_s = np.zeros((0, 2)) if jumped_s is None else jumped_s
     known = np.zeros(on.row.shape, dtype=bool) if stepped is None else stepped[on.row] & on.measured
@@ -669,8 +676,8 @@ def estimate(
             jumps, broken = stairs.more[0], breaks(track, *stairs.more)
     every = found.air, found.variance + stays, found.clean, stays, steady
     air, node_variance, clean, staying, steady = (np.interp(time_s, track.time_s, v) for v in every)
-    typical = local.each(lambda strength: np.median(strength, keepdims=True))
-    rate = resolved_rate(typical, along.at(slice(len(along.rate) // 2, len(along.rate) // 2 + 1)), track.period_s)
+    middle = slice(on.row.size // 2, on.row.size // 2 + 1)
+    rate = resolved_rate(as_usual(local).each(lambda strength: strength[middle]), along.at(middle), track.period_s)
     if rounding is not None:
         # for as long as a rounded reading stays, so does what it is off by; that it goes to and fro between two steps
         # while the air goes on by none is noise
@@ -844,9 +851,10 @@ def _strengths(
     track, calm = on.track, on.measured
     ordinary = np.ones(calm.size, dtype=bool)
     if track.passing is not None:
-        # what passes says how much less than usual a reading tells only beside the reading's own noise
-        unsure = np.hypot(track.passing.sigma, np.sqrt(noise_variance[on.row]))
-        ordinary = unsure <= ODD_FACTOR * np.median(unsure)
+        # in units of the reading's own noise, and beside those around: up high vapour is a thousandth of that below
+        unsure = np.hypot(track.passing.sigma, own := np.sqrt(noise_variance[on.row])) / own
+        parts = np.array_split(unsure, max(unsure.size // LONGEST_SEGMENT, 1))
+        ordinary = unsure <= ODD_FACTOR * np.repeat([np.median(one) for one in parts], [one.size for one in parts])
     if loud is not None and np.count_nonzero(usable & ~loud) > LEAST_CALM * np.count_nonzero(usable):
         calm, ordinary = calm & ~loud[on.row], ordinary & ~(on.measured & loud[on.row])
     noise = np.interp(track.time_s, track.time_s[calm], np.sqrt(noise_variance[on.row][calm]))
@@ -1076,7 +1084,8 @@ def _local_priors(
     largest: float,
     fewest: int,
 ) -> Prior:
-    """Strengths at each node: of segments that overlap by half, each judged by itself, joined in their logarithm.
+    """Strengths at each node: of segments that overlap by half, each judged by itself, joined in their logarithm. Most
+    are alike in units of their own noise: up high vapour and its noise are a thousandth of what they are below.
 
     `noise` is the standard deviation expected at each node, known within a factor exp(`spread`); a segment may have the
     share `largest` of the flight, and has `fewest` nodes where that allows it.
@@ -1094,17 +1103,17 @@ def _local_priors(
             for own, left in zip(spectra(frequency, period), shown, strict=True)
         ]
         sigma = max(float(np.std(bridged)), typical)
-        strengths = (sigma / of_one[0], sigma / of_one[1], typical)
-        return Prior(*(np.full(bridged.size, value) for value in strengths))
+        turbulence, bend = (np.full(bridged.size, sigma / one) for one in of_one)
+        return Prior(turbulence, bend, noise)
     starts = np.unique(np.append(np.arange(0, bridged.size - size + 1, max(size // 2, 1)), bridged.size - size))
     relative = np.sqrt((noise[starts[:, None] + np.arange(size)] ** 2).mean(axis=1)) / typical
-    segments = bridged[starts[:, None] + np.arange(size)]
+    segments = bridged[starts[:, None] + np.arange(size)] / relative[:, None]
     middle = starts + size // 2
     some = slice(None, None, max(starts.size // 60, 1))
     through = few = None
     if passing is not None:
         # the median: where the air jumped, single samples know nothing
-        usual = np.asarray(np.median(passing.sigma[starts[:, None] + np.arange(size)], axis=1))
+        usual = np.median(passing.sigma[starts[:, None] + np.arange(size)], axis=1) / relative
         # what passes is in the readings: it was no more than they varied, whatever is thought possible
         along_line = np.arange(size) - 0.5 * (size - 1)
         level = segments.mean(axis=1, keepdims=True)
@@ -1113,9 +1122,9 @@ def _local_priors(
         through, few = Passing(usual, passing.rate), Passing(usual[some], passing.rate)
 
     def judged(segments: Array) -> tuple[Prior, Prior]:
-        rows, own = along.at(middle[some]), relative[some]
-        common = fit_prior(segments[some], rows, period, typical, few, spread=spread, relative_noise=own, parts=parts)
-        return common, fit_windows(segments, along.at(middle), period, common, through, relative, parts)
+        rows = along.at(middle[some])
+        common = fit_prior(segments[some], rows, period, typical, few, spread=spread, parts=parts)
+        return common, fit_windows(segments, along.at(middle), period, common, through, parts)
 
     common, local = judged(segments)
     strongest = local.turbulence
@@ -1123,5 +1132,6 @@ def _local_priors(
         # a wave is one frequency, and a spectrum that falls from it would take turbulence's part beside it
         strongest = np.maximum(strongest, judged(without_wave(segments))[1].turbulence)
     nodes = np.arange(bridged.size)
-    turbulence, bend = (np.exp(np.interp(nodes, middle, np.log(value))) for value in (strongest, local.bend))
-    return Prior(turbulence, bend, common.noise * np.ones(bridged.size), smooth=common.smooth)
+    own = (strongest * relative, local.bend * relative)
+    turbulence, bend = (np.exp(np.interp(nodes, middle, np.log(value))) for value in own)
+    return Prior(turbulence, bend, common.noise / typical * noise, smooth=common.smooth)

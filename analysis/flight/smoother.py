@@ -230,7 +230,9 @@ def _forward(
     for k in range(count):
         if k:
             mean = (phi[k] @ mean[..., None])[..., 0]
-            p = phi[k] @ p @ phi[k].swapaxes(-1, -2) + q[k]
+            p = phi[k] @ p @ phi[k].swapaxes(-1, -2)
+            # what is not symmetric is rounding, which no reading takes out
+            p = 0.5 * (p + p.swapaxes(-1, -2)) + q[k]
         ck = c[k]
         kept_mean[k] = mean
         pc[k] = pck = (p @ ck[..., None])[..., 0]

@@ -1,0 +1,66 @@
+"""Soundings far up, where vapour, its noise and what a temperature's error makes of it are a thousandth of what they
+are at the ground."""
+
+import numpy as np
+import pytest
+
+from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.flight.smoother import followed
+from shockrig.analysis.physics.humidity import saturation_pressure_hpa
+from shockrig.files.causes import Uncertain
+from shockrig.files.flight import Flight
+from shockrig.files.profile import Profile
+from shockrig.files.profile_data import DiffusivityRow, HumidityProfile, TemperatureProfile
+
+BEAD_S, FILM_S, NOISE_K, NOISE_PERCENT = 20.0, 15.0, 0.02, 0.1
+LOW, HIGH = slice(0, 1400), slice(2500, None)  # the lowest 7 km, and where it is colder than -60 degC
+SENSORS = Profile(
+    TemperatureProfile(Uncertain((4e-4) ** 2 / BEAD_S, 0.1 * (4e-4) ** 2 / BEAD_S), noise_k=NOISE_K),
+    HumidityProfile(
+        tuple(DiffusivityRow(c, 1e-10 / FILM_S, 0.1 * 1e-10 / FILM_S) for c in (-80.0, 50.0)),
+        noise_percent=NOISE_PERCENT,
+    ),
+    {"imet": {"body": "lumped"}, "hyt": {"body": "lumped"}},
+)
+
+
+def sounding(seed, rows):
+    """Of a slow bead and a slow film, at 5 m/s and a row a second, through layers that thin out upwards: the flight,
+    and the humidity of its air."""
+    rng, time = np.random.default_rng(seed), np.arange(5000.0)
+    height = 5.0 * time
+    air_c = 15.0 - 6.5e-3 * np.minimum(height, 12000.0) + 0.2 * np.sin(height / 900.0)
+    layers = np.zeros(time.size)
+    for _ in range(40):
+        at, width = rng.uniform(0.0, 14000.0), rng.choice([30.0, 100.0, 400.0])
+        layers += rng.normal(0.0, 12.0) * np.tanh((height - at) / width)
+    air = np.clip(50.0 + layers * np.exp(-height / 9000.0) - height / 500.0, 3.0, 97.0)
+    vapour = air * saturation_pressure_hpa(air_c)
+
+    def behind(values, lag_s):
+        return followed(values, np.exp(-1.0 / lag_s), values[0])
+
+    shown = behind(vapour, FILM_S) / saturation_pressure_hpa(air_c)
+    humidity = np.round(shown + NOISE_PERCENT * rng.standard_normal(time.size), 2)
+    temperature = behind(air_c, BEAD_S) + NOISE_K * rng.standard_normal(time.size)
+    columns = {"time_s": time, "temperature_c": temperature, "humidity_percent": humidity}
+    columns |= {"pressure_hpa": 1013.0 * np.exp(-height / 8000.0), "altitude_m": height}
+    nothing = np.full(rows, np.nan)
+    names = Flight.__dataclass_fields__
+    return Flight(**{name: columns[name][:rows] if name in columns else nothing for name in names}), air[:rows]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_is_above_a_layer_does_not_change_how_it_is_corrected(seed):
+    """Before: what is usual was taken from all of the flight in hPa, and beside its dry end the layers below were no
+    ordinary air; they had twice the error, and 15 % of their rows were outside of what was stated."""
+    left = {}
+    for rows in (1500, 5000):
+        flight, air = sounding(seed, rows)
+        found = correct(flight, SENSORS)
+        off = found.humidity_percent - air
+        left[rows] = np.sqrt(np.mean(off[LOW] ** 2))
+        assert np.mean(np.abs(off[LOW]) < 2.0 * found.humidity_uncertainty_percent[LOW]) > 0.95
+    assert left[5000] < 1.6 * left[1500]
+    read = (flight.humidity_percent - air)[HIGH]
+    assert np.sqrt(np.mean(off[HIGH] ** 2)) < 0.2 * np.sqrt(np.mean(read**2))
