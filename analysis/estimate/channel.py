@@ -380,7 +380,7 @@ def rebin(channel: Channel, samples: Samples, bins: Sequence[Index], die: tuple[
         samples=tuple(samples),
         bin_of=bin_of,
         die_samples=die,
-        sampling_period_s=round(each * channel.sampling_period_s, 4),
+        sampling_period_s=each * channel.sampling_period_s,
         readings_per_sample=each * channel.readings_per_sample,
     )
 

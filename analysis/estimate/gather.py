@@ -516,7 +516,7 @@ def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
         ambient=ambient,
         ambients_c=ambients,
         interpolation=interpolation,
-        sampling_period_s=round(period, 4),
+        sampling_period_s=float(f"{period:.6g}"),
         length_m=getattr(campaign, quantity.length),
         tempo=tempo,
         samples=samples,

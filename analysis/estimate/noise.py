@@ -114,6 +114,7 @@ OWN_SHARE = 0.4  # of a sensor's time to half of a step
 TINY_VARIANCE = 1e-12  # variance of what is nothing
 NO_COVARIANCE = 1e12  # deviance of a covariance that is none
 BEND_ORDER = 4  # order of the polynomial that a piece of a response is taken for
+EVEN_TO = 1e-3  # of a period: stamps that are as even are even
 KINKED_DEVIATIONS = (
     9.0  # median deviations above the median by which a piece of measured air departs from such a polynomial
 )
@@ -257,14 +258,30 @@ def _unbent(pieces: Array, order: int) -> tuple[Array, Array]:
 
 def whole_pieces(time_s: Array, value: Array, period_s: float, length: int) -> Iterator[Array]:
     """Pieces of so many readings one after the other, up to two missing in a row bridged by a straight line; a longer
-    gap ends a piece."""
+    gap ends a piece.
+
+    They are the readings themselves, however unevenly they were stamped: of those on a line between two of them a fifth
+    of the noise would be missing. Only what a slow curve goes from a stamp to the even one is taken off.
+    """
     for stretch in np.split(np.arange(time_s.size), np.flatnonzero(np.diff(time_s) > 3.3 * period_s) + 1):
         if stretch.size < 2:
             continue
-        first, last = time_s[stretch[0]], time_s[stretch[-1]]
-        grid = first + period_s * np.arange(int(round((last - first) / period_s)) + 1)
-        filled = np.interp(grid, time_s[stretch], value[stretch])
-        yield from (filled[i : i + length] for i in range(0, grid.size - length + 1, length))
+        place = np.append(0.0, np.cumsum(np.maximum(np.rint(np.diff(time_s[stretch]) / period_s), 1.0)))
+        every = np.arange(place[-1] + 1.0)
+        when, filled = (np.interp(every, place, x[stretch]) for x in (time_s, value))
+        for i in range(0, filled.size - length + 1, length):
+            yield _evenly(when[i : i + length], filled[i : i + length], period_s)
+
+
+def _evenly(time_s: Array, value: Array, period_s: float) -> Array:
+    """Readings (n,) as they would be had they been stamped evenly, where a polynomial goes through them."""
+    even_s = np.linspace(-1.0, 1.0, time_s.size) * 0.5 * (time_s.size - 1) * period_s
+    since_s = time_s - time_s.mean()
+    even_s = even_s * (even_s @ since_s) / (even_s @ even_s)
+    if np.abs(since_s - even_s).max() < EVEN_TO * period_s:
+        return value
+    curve = np.polynomial.Polynomial.fit(since_s, value, BEND_ORDER)
+    return np.asarray(value + curve(even_s) - curve(since_s))
 
 
 @dataclass(frozen=True)

@@ -367,7 +367,7 @@ def _table(sensor: str, series: SensorSeries, begins_s: float) -> str:
     """The sensor's CSV file, with the digits that came."""
     columns: dict[str, Sequence[float | None]] = {"time_s": (series.time_s - begins_s).tolist()}
     columns |= {name: (column + 0.0).tolist() for name, column in series.values.items()}  # no -0
-    forms = dict.fromkeys(columns, "%.7g") | {"time_s": "%.4f", "stale": "%d"}
+    forms = dict.fromkeys(columns, "%.7g") | {"time_s": "%.10g", "stale": "%d"}
     if sensor == "hyt":
         columns["stale"] = [0.0] * series.time_s.size
     return table_text(columns, forms)

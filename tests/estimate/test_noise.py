@@ -126,6 +126,19 @@ def test_correlated_noise_is_whitened_where_a_logger_stamps_irregularly():
     assert np.isfinite(whitener).all()
 
 
+@pytest.mark.parametrize("stamped", ["anywhere within a period", "at a 60th of a second, known to 4 digits"])
+def test_noise_is_what_it_is_however_readings_are_stamped(stamped):
+    """Before: readings were put on an even grid by lines between them, which lack a fifth of the noise."""
+    channel, rng = noisy_channel(8, 0.02), np.random.default_rng(0)
+    if stamped.startswith("anywhere"):
+        samples = tuple((t + rng.uniform(-0.45, 0.45, t.size) * PERIOD, y) for t, y in channel.samples)
+        unevenly = replace(channel, samples=samples)
+    else:
+        samples = tuple((np.round(t * (1 / 60) / PERIOD, 4), y) for t, y in channel.samples)
+        unevenly = replace(channel, samples=samples, sampling_period_s=0.0167)
+    assert estimate_noise(unevenly).standard_deviation == pytest.approx(0.02, rel=0.06)
+
+
 def test_no_noise_at_all_is_a_very_small_one():
     noise = estimate_noise(noisy_channel(7, 0.0))
     assert 0 < noise.standard_deviation <= 1e-3
