@@ -169,8 +169,13 @@ def says_nothing(effect: Effect, parameters: Mapping[str, tuple[float, float]]) 
     """Whether a parameter of a fitted effect stands at the end of its range, or may be anything in it."""
     if at_bound(effect, {name: value for name, (value, _) in parameters.items()}):
         return True
-    open_ = (parameter for parameter in effect.parameters if parameter.log and not parameter.ends_say)
-    return any(parameters[p.name][1] > level("anything") * abs(parameters[p.name][0]) for p in open_)
+    return bool(may_be_anything(effect, parameters))
+
+
+def may_be_anything(effect: Effect, parameters: Mapping[str, tuple[float, float]]) -> list[str]:
+    """Parameters of which a fit says nothing, by their values and standard uncertainties."""
+    open_ = (p.name for p in effect.parameters if p.log and not p.ends_say and p.name in parameters)
+    return [name for name in open_ if parameters[name][1] > level("anything") * abs(parameters[name][0])]
 
 
 def refused(found: Fit, effect: Effect) -> bool:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from shockrig.analysis.characterize.result import FAR_ABOVE_NOISE
+from shockrig.analysis.diagnose.candidates import may_be_anything
 from shockrig.analysis.diagnose.diagnosed import Cause, ChannelDiagnosis, Diagnosis
 from shockrig.analysis.diagnose.gain import Gain
 from shockrig.analysis.diagnose.remainder import left_rms
@@ -218,16 +219,17 @@ def value_text(channel: str, parameter: Parameter, stated: Uncertain) -> str:
     """A parameter with its uncertainty, without its unit where the sentence gives it."""
     value, spread = stated.value, stated.standard_uncertainty
     scale, unit = (100.0, " %") if parameter.percent else (1.0, "")
+    unit = f" {UNIT[channel]}" if parameter.unit == "channel's unit" else unit
+    low, high = value - spread, value + spread
     if parameter.log and spread >= value > 0.0:
-        # What is positive is no less than nothing: where a standard uncertainty in its logarithm is 1 and more, the
-        # ends of its interval are said, as far as they are in its range.
+        # What is positive is no less than nothing: a standard uncertainty in its logarithm of 1 and more is a factor.
         factor = math.exp(min(spread / value, math.log(parameter.high / parameter.low)))
-        low, high = max(value / factor, parameter.low), min(value * factor, parameter.high)
-        return between(scale * value, scale * low, scale * high) + unit
-    if parameter.percent:
+        low, high = value / factor, value * factor
+    elif math.isfinite(spread) and parameter.low <= low and high <= parameter.high:
         return measured(scale * value, scale * spread) + unit
-    text = measured(value, spread)
-    return f"{text} {UNIT[channel]}" if parameter.unit == "channel's unit" else text
+    # No further than its range goes: of a share 15 ± 855 % says nothing that 0 to 100 % does not.
+    low, high = max(low, parameter.low), min(high, parameter.high)
+    return between(scale * value, scale * low, scale * high) + unit
 
 
 def cause_sentence(channel: str, cause: Cause) -> str:
@@ -239,6 +241,7 @@ def cause_sentence(channel: str, cause: Cause) -> str:
         if p.name in cause.parameters
     }
     text = effect.words.sentence.format(**texts)
+    words = {p.name: named(p.name.removesuffix(f"_{p.unit}")) for p in effect.parameters}
     if cause.probability < 0.9:
         doubt = "Probably" if cause.probability >= 0.6 else "Possibly"
         text = f"{doubt} ({100 * cause.probability:.0f} %): {text[0].lower()}{text[1:]}"
@@ -246,8 +249,11 @@ def cause_sentence(channel: str, cause: Cause) -> str:
         others = listed([named(e) for e in cause.indistinguishable_from], "or")
         text += f" These runs cannot tell that from {others}."
     if cause.at_bound:
-        names = listed([named(p) for p in cause.at_bound])
+        names = listed([words[name] for name in cause.at_bound])
         text += f" Its {names} stands at the end of its range: no value to rely on."
+    values = {name: (one.value, one.standard_uncertainty) for name, one in cause.parameters.items()}
+    if open_ := may_be_anything(effect, values):
+        text += f" Of its {listed([words[name] for name in open_])} these runs say nothing."
     return text
 
 
@@ -430,6 +436,9 @@ def remainder_sentence(found: ChannelDiagnosis) -> str:
     )
 
 
+PREDICTS = "What predicts other runs, and a profile carries where one can be made, is"
+
+
 def predicting_sentence(found: ChannelDiagnosis) -> str:
     """What the model that predicts has that the stated one has not, and why it predicts; empty where it is the same."""
     best, other = found.search.best, found.predicting.model
@@ -448,11 +457,11 @@ def predicting_sentence(found: ChannelDiagnosis) -> str:
     why = f"At the rate that runs have in common it {missed}"
     if other is best:
         fitted = "gives all runs one rate and all readings one weight"
-        return f"The profile carries what is stated with the numbers of a fit that {fitted}. {why}."
+        return f"{PREDICTS} what is stated, with the numbers of a fit that {fitted}. {why}."
     more, less = other.ids - best.ids, best.ids - other.ids
     how = ", ".join([*([f"with {words(more)}"] if more else []), *([f"without {words(less)}"] if less else [])])
     kind = "that is not sure enough" if stated_if_sure else "whose values these runs leave too open"
-    return f"The profile carries a model {kind} to be stated, {how}. {why}."
+    return f"{PREDICTS} a model {kind} to be stated, {how}. {why}."
 
 
 def headline(diagnosis: Diagnosis) -> str:

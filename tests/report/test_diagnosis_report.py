@@ -93,6 +93,16 @@ def test_a_positive_number_that_is_not_told_has_the_ends_of_its_range():
     assert value_text("temperature", lag, Uncertain(94.0, 708.0)) == f"94 (0 to {lag.high:.0f})"
     assert value_text("temperature", lag, Uncertain(10.0, 10.0)) == "10.0 (3.7 to 27.2)"
     assert value_text("temperature", lag, Uncertain(94.0, 20.0)) == "94 ± 20"
+    share = next(p for p in CATALOGUE["parallel_lag"].parameters if p.name == "fraction")
+    assert value_text("temperature", share, Uncertain(0.15, 8.55)) == f"15 (0 to {100.0 * share.high:.0f}) %"
+    assert value_text("temperature", share, Uncertain(0.15, 0.02)) == "15.0 ± 2.0 %"
+
+
+def test_a_number_of_which_runs_say_nothing_is_said_to_be_one():
+    cause = Cause("series_lag", {"time_constant_s": Uncertain(94.0, 708.0)}, 0.7, (), ())
+    assert cause_sentence("temperature", cause).endswith("Of its time constant these runs say nothing.")
+    sure = Cause("series_lag", {"time_constant_s": Uncertain(94.0, 20.0)}, 0.7, (), ())
+    assert "say nothing" not in cause_sentence("temperature", sure)
 
 
 def test_a_tie_a_doubt_and_a_bound_are_said():
