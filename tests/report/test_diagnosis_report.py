@@ -109,7 +109,7 @@ def test_a_tie_a_doubt_and_a_bound_are_said():
     cause = Cause("dead_time", {"delay_s": Uncertain(0.2, 0.1)}, 0.6, ("finite_transfer",), ("delay_s",))
     text = cause_sentence("humidity", cause)
     assert text.startswith("Probably (60 %): this channel is logged late by 0.20 ± 0.10 s.")
-    assert "cannot tell that from finite transfer" in text and "delay s stands at the end of its range" in text
+    assert "cannot tell that from finite transfer" in text and "Its delay stands at the end of its range" in text
 
 
 def test_shares_are_percent_and_the_channels_unit_is_named():
