@@ -227,8 +227,8 @@ def _draw(steps: Axes, left: Axes, shown: Sequence[RunPanel], noise: float) -> N
         axes.set_xscale("function", functions=(root_of, _square))
         axes.set_xlim(first_s, last_s)
         axes.xaxis.set_major_locator(FixedLocator(ticks))
-        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        axes.set_xlabel("time since the transfer, as fitted, s")
+        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:.6g}"))
+        axes.set_xlabel("time since the transfer, as fitted, s (its square root)")
 
 
 def _square(root: np.ndarray) -> np.ndarray:

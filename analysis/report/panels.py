@@ -121,7 +121,8 @@ LEFT_IN, RIGHT_IN, BOTTOM_IN, TOP_IN = 0.6, 0.1, 0.45, 0.6  # margins of the fig
 ACROSS_IN, DOWN_IN, BETWEEN_IN = 0.42, 0.5, 0.08  # between two runs, and between readings and residuals
 LOW_SHARE = 0.27  # of a run's height that is the residuals'
 EARLIEST_S = -10.0  # what is shown before a transfer
-TIMES_S = (-5, 0, 1, 5, 20, 60, 150, 400, 1000, 3000, 10_000, 30_000, 100_000)  # that are named
+TIMES_S = (-5, 0, 0.01, 0.05, 0.2, 0.5, 1, 2, 5, 20, 60, 150, 400, 1000, 3000, 10_000, 30_000, 100_000)  # named
+TIME_AXIS = "s since transfer (its square root)"
 NAMED_APART = 0.08  # of the axis, that two of them are apart
 MARGIN = 0.05  # of the range of readings, above and below
 
@@ -238,7 +239,7 @@ def run_panels(
         top = _Box(left, bottom + low + BETWEEN_IN, wide, high - low - BETWEEN_IN, times_s, _range(panel))
         boxes.append((panel, top, _Box(left, bottom, wide, low, times_s, (-reach, reach))))
         last = index + columns >= len(panels)
-        _letters(axes, panel, *boxes[-1][1:], unit if column == 0 else "", "s since transfer" if last else "")
+        _letters(axes, panel, *boxes[-1][1:], unit if column == 0 else "", TIME_AXIS if last else "")
     _lines(axes, boxes, noise)
     title = f"{quantity[:1].upper()}{quantity[1:]}: readings (dots) and model (line); residuals"
     title += f" in {residual_unit or unit}, ±{reach:.2g}"
@@ -300,7 +301,7 @@ def _letters(axes: Axes, panel: RunPanel, top: _Box, low: _Box, unit: str, time:
         write(top.left - 0.04, y, name, ha="right", va="center")
     named = times_named(*low.times_s)
     for x, second in zip(low.x(named), named, strict=True):
-        write(x, low.bottom - 0.04, f"{second:.0f}".replace("-", "−"), ha="center", va="top")
+        write(x, low.bottom - 0.04, f"{second:.6g}".replace("-", "−"), ha="center", va="top")
     if unit:
         write(top.left - 0.47, top.bottom + top.height / 2, unit, 9.0, rotation=90, ha="center", va="center")
         write(low.left - 0.47, low.bottom + low.height / 2, "residual", 7.5, rotation=90, ha="center", va="center")
