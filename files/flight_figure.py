@@ -14,6 +14,7 @@ from shockrig.files.errors import InputError
 from shockrig.files.figures import BLUE, GREY, ORANGE, notebook_figure, styled
 from shockrig.files.flight import Corrected, Flight
 from shockrig.files.legs import ways
+from shockrig.files.ranges import RANGES, Range
 from shockrig.files.readings_figure import Against, has_altitude, thinned, time_axis
 
 if TYPE_CHECKING:
@@ -28,9 +29,19 @@ SHOWN_SHARE = 0.97  # of the rows whose band is within the panel
 class Shown:
     """One channel as it is drawn: rows that have a time, thinned where there are more than can be seen."""
 
-    def __init__(self, name: str, unit: str, label: str, reading: Array, value: Array, sigma: Array) -> None:
-        self.name, self.unit, self.label = name, unit, label
+    def __init__(
+        self, name: str, unit: str, label: str, possible: Range, reading: Array, value: Array, sigma: Array
+    ) -> None:
+        self.name, self.unit, self.label, self.possible = name, unit, label, possible
         self.reading, self.value, self.sigma = reading, value, sigma
+
+    @property
+    def band(self) -> tuple[Array, Array]:
+        """Ends of the 95 % band, as far as there is air with them; a reading that is given beyond that is an end."""
+        reach = COVERAGE * self.sigma
+        low = np.clip(self.value - reach, self.possible.low, self.possible.high)
+        high = np.clip(self.value + reach, self.possible.low, self.possible.high)
+        return np.minimum(low, self.value), np.maximum(high, self.value)
 
 
 def channels_of(flight: Flight, corrected: Corrected) -> list[Shown]:
@@ -40,6 +51,7 @@ def channels_of(flight: Flight, corrected: Corrected) -> list[Shown]:
             "temperature",
             "K",
             "temperature, °C",
+            RANGES["temperature_c"],
             flight.temperature_c,
             corrected.temperature_c,
             corrected.temperature_uncertainty_k,
@@ -48,6 +60,7 @@ def channels_of(flight: Flight, corrected: Corrected) -> list[Shown]:
             "humidity",
             "%RH",
             "relative humidity, %",
+            RANGES["humidity_set_percent"],
             flight.humidity_percent,
             corrected.humidity_percent,
             corrected.humidity_uncertainty_percent,
@@ -108,19 +121,19 @@ def plot_flight(flight: Flight, corrected: Corrected, against: Against = "time")
         above.plot(along[few], one.reading[few], color=ORANGE, lw=0.9, label="as read")
         above.plot(along[few], one.value[few], color=BLUE, lw=0.9, label="corrected, 95 % band")
         above.set_ylabel(one.label)
-        reach = COVERAGE * one.sigma[few]
-        above.fill_between(along[few], one.value[few] - reach, one.value[few] + reach, color=BLUE, alpha=0.25, lw=0)
-        band(below, along[few], one.sigma[few], one.unit)
+        low, high = (end[few] for end in one.band)
+        above.fill_between(along[few], low, high, color=BLUE, alpha=0.25, lw=0)
+        band(below, along[few], low - one.value[few], high - one.value[few], one.unit)
     rows[0].legend(loc="best")
     rows[-1].set_xlabel(label)
     return figure
 
 
-def band(axes: Axes, along: Array, sigma: Array, unit: str) -> None:
+def band(axes: Axes, along: Array, below: Array, above: Array, unit: str) -> None:
     """The 95 % band by itself, on a scale on which it can be seen; where far less is known than usual it is cut."""
-    reach = COVERAGE * sigma
+    reach = np.maximum(-below, above)
     known = reach[np.isfinite(reach)]
-    axes.fill_between(along, -reach, reach, color=BLUE, alpha=0.35, lw=0)
+    axes.fill_between(along, below, above, color=BLUE, alpha=0.35, lw=0)
     axes.axhline(0.0, color=GREY, lw=0.6)
     if known.size:
         most = 1.3 * float(np.quantile(known, SHOWN_SHARE))
@@ -151,10 +164,9 @@ def draw_profile(axes: Axes, time_s: Array, altitude_m: Array, one: Shown) -> No
         if np.count_nonzero(way) < 2:
             continue
         # each way is a line of its own
-        reading, value, sigma = (np.where(way, v, np.nan)[few] for v in (one.reading, one.value, one.sigma))
+        reading, value, low, high = (np.where(way, v, np.nan)[few] for v in (one.reading, one.value, *one.band))
         look: dict[str, Any] = {"lw": 0.9, "ls": style}
         axes.plot(reading, height, color=ORANGE, label=f"as read, {words}", **look)
-        reach = COVERAGE * sigma
-        axes.fill_betweenx(height, value - reach, value + reach, color=BLUE, alpha=0.25, lw=0)
+        axes.fill_betweenx(height, low, high, color=BLUE, alpha=0.25, lw=0)
         axes.plot(value, height, color=BLUE, label=f"corrected, {words}", **look)
     axes.set_xlabel(one.label)

@@ -47,7 +47,7 @@ RANGES: Mapping[str, Range] = MappingProxyType(
         "humidity_percent": Range(-5.0, 130.0, _FRACTION),
         # as a polymer film reads it: one that is cold or condensed on reads further out than any air is
         "humidity_reading_percent": Range(-10.0, 130.0, _FRACTION),
-        # of an air that somebody asks for: a set point, a simulation
+        # of an air itself: a set point, a simulation, a corrected value
         "humidity_set_percent": Range(0.0, 100.0, _FRACTION),
         "airflow_m_s": Range(0.0, 150.0, "is it in km/h"),
         "pressure_hpa": Range(1.0, 2000.0, "is it in pascal"),

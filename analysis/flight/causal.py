@@ -384,7 +384,11 @@ class Corrector:
         left = self.bead.design.left
         common = float(np.hypot(self.bead.common(told, found.value), np.hypot(told.readout, left)))
         own = max(found.stated, told.step**2 / 12.0)
-        return Value(found.value, float(np.hypot(np.sqrt(own), common)), common, told.judged)
+        value = float(np.clip(found.value, TEMPERATURE_C.low, TEMPERATURE_C.high))
+        # nothing that air can be is farther away than the farther end of that
+        farthest = max(value - TEMPERATURE_C.low, TEMPERATURE_C.high - value)
+        total = float(np.hypot(np.sqrt(own), common))
+        return Value(value, min(total, farthest), min(common, farthest), told.judged)
 
     def _humidity(self, seen: _Seen) -> Value:
         told, raw, film = seen.film, seen.row.humidity_percent, self.film

@@ -29,7 +29,7 @@ from shockrig.analysis.flight.flight_channel import (
     untouched,
     with_own_steps,
 )
-from shockrig.analysis.flight.humidity_channel import correct_humidity, felt_by_film
+from shockrig.analysis.flight.humidity_channel import AIR_PERCENT, correct_humidity, felt_by_film
 from shockrig.analysis.flight.inverse import exact_inverse, paper
 from shockrig.analysis.flight.late_rows import taken_by_time
 from shockrig.analysis.flight.response import bead_response, unsure_of_airspeed
@@ -191,6 +191,8 @@ def correct_read(
         bead, film = (one.given_nowhere(unsure[rows]) for one in (bead, film))
     bead, film = (one.as_it_changed(as_logged.time_s, notes) for one in (bead, film))
     bead, film, widened = compared(part, bead, film, notes, known)
+    # what widened them knows of no bounds
+    bead, film = bead.within(RANGES["temperature_c"]), film.within(AIR_PERCENT)
     slow_against_fast(part, bead, notes)
     slower = {} if known is None else {film.name: known.slower}
     return _gather(count, rows, bead, film, notes, widened, slower)
@@ -314,8 +316,9 @@ def _temperature(
     everywhere = np.ones(raw.size)
     outside = unseen(part.discovered, stream.airflow_m_s, raw)
     channel = judged(readings, found, plain, screened, outside, raw - jumped, everywhere, notes)
-    channel = held(channel, readings, raw - jumped, everywhere, notes)
+    channel = held(channel, readings, raw - jumped, everywhere, notes, possible)
     channel = replace(channel, value=np.where(channel.raw, raw, channel.value + jumped), changed=change)
+    channel = channel.within(possible)
     left = not_known(effects)
     channel = replace(channel, uncertainty=np.hypot(channel.uncertainty, left), common=np.hypot(channel.common, left))
     return replace(channel, carried=carried(effects, climb, flight.airspeed_m_s))

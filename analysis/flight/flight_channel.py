@@ -30,6 +30,7 @@ LONGEST_FILL_S = 5.0  # farther from a usable sample no value is given
 LONGEST_REPEAT_S = 30.0  # or so far, where the sensor is read and its reading is repeated
 IDLE_LAG_SIGMAS = 0.3  # a lag smaller than this share of the noise is not worth undoing
 LEAST_SAMPLES = 16
+MOST_MOVES = 3  # that are said one by one: of readings that are not of such a sensor there are dozens
 MOST_NOISES_OFF, ROWS_TOGETHER = 6.0, 5  # times the noise, that the median of so many readings may be off
 
 
@@ -225,6 +226,15 @@ class FlightChannel:
         more = np.where(self.raw, 0.0, by)
         return replace(self, uncertainty=np.hypot(self.uncertainty, more), common=np.hypot(self.common, more))
 
+    def within(self, possible: Range) -> FlightChannel:
+        """The same within what air can be, whatever a method made of its readings, but for readings that are given:
+        nothing that is possible is farther away than the farther end."""
+        value = np.where(self.raw, self.value, np.clip(self.value, possible.low, possible.high))
+        farthest = np.maximum(value - possible.low, possible.high - value)
+        of_value = (np.minimum(one, farthest) for one in (self.uncertainty, self.common))
+        uncertainty, common = of_value
+        return replace(self, value=value, uncertainty=uncertainty, common=common)
+
     def given_nowhere(self, rows: Mask) -> FlightChannel:
         """The same without a value in some rows (n,)."""
         of_value = (np.where(rows, np.nan, one) for one in (self.value, self.uncertainty, self.common))
@@ -238,8 +248,13 @@ class FlightChannel:
             f"{self.name}: from {logged_s[one.row]:.10g} s on the reading goes {'up' if one.way > 0 else 'down'} "
             f"{one.why}; until {logged_s[one.until]:.10g} s the air may be as it was before"
             + (", and is given as read, since it comes back like that as well" if one.is_undone else "")
-            for one in self.odd_moves
+            for one in self.odd_moves[:MOST_MOVES]
         )
+        if others := self.odd_moves[MOST_MOVES:]:
+            notes.append(
+                f"{self.name}: {counted(len(others), 'more move')} like that, the last from "
+                f"{logged_s[others[-1].row]:.10g} s on"
+            )
         if self.changed is None:
             return self
         jumps, unit = np.flatnonzero(self.changed.steps), "%RH" if self.name == "humidity" else "K"
@@ -476,7 +491,7 @@ def held(
     raw: Array,
     unit: Array,
     notes: list[str],
-    possible: tuple[float, float] = (-np.inf, np.inf),
+    possible: Range,
     left_open: Array | float = 0.0,
     broken: Array | float = 0.0,
 ) -> FlightChannel:
@@ -491,14 +506,15 @@ def held(
     own = np.where(channel.screened.read, readings.reading * unit, np.nan)
     value = np.clip(channel.value, np.fmin(low, own), np.fmax(high, own))
     # what is out by less than is stated is that, and what is far out was no estimate
-    past = np.nan_to_num(channel.value - np.clip(channel.value, *possible))
-    out = np.abs(np.clip(value, *possible) - value) > READING_SIGMAS * channel.uncertainty
-    value = np.where(out, np.clip(value, *possible), value)
+    past = np.nan_to_num(channel.value - np.clip(channel.value, possible.low, possible.high))
+    nearest = np.clip(value, possible.low, possible.high)
+    out = np.abs(nearest - value) > READING_SIGMAS * channel.uncertainty
+    value = np.where(out, nearest, value)
     sigma = channel.uncertainty
     impossible = np.abs(past) > READING_SIGMAS * sigma
     odd = np.where(impossible, np.sign(past), broken)
     # of what is never below nothing a sensor's own error is a share
-    share = possible[0] == 0.0
+    share = possible.low == 0.0
     as_before, own_way, odd_moves = _as_before(value, own, odd, impossible, readings, in_proportion=share)
     if (capped := _capped(channel, np.full(raw.shape, -np.inf)) & ~channel.raw).any():
         value = _above_ceiling(value, raw, capped, channel, readings, notes)

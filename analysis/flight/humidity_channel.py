@@ -229,7 +229,7 @@ def _spread(values: Array) -> float:
 REFERENCE_C = 20.0  # vapour is carried as relative humidity at this temperature
 MOST_COUPLING = 5.0  # vapour and temperature are not told to go together more steeply than this
 LEAST_SHARE = 0.2  # of the uncertainty that stays, however vapour and temperature go together
-SATURATED_PERCENT = 100.0
+AIR_PERCENT = RANGES["humidity_set_percent"]
 SELDOM_FACTOR = 5.0  # times the usual between two readings of temperature
 VAGUE_TIMES = 5.0  # times the usual, that the air's temperature leaves open of a reading's vapour
 VAGUE_NOISES = 10.0  # and so many times its noise
@@ -354,11 +354,11 @@ def _through_vapour(
         readings, found = where_unread(readings, air, error, found, lambda rest: solve(rest, cutoff_hz))
     found = _as_the_film(found, readings.reading, doubt.vague & screened.usable & ~screened.loud)
     outside = ~film.part.covers(film.air_c) | beyond_discovered(film.part.discovered, stream.airflow_m_s, film.air_c)
-    channel = judged(readings, found, plain, screened, outside, raw, from_vapour, notes, SATURATED_PERCENT)
+    channel = judged(readings, found, plain, screened, outside, raw, from_vapour, notes, AIR_PERCENT.high)
     memory_s = REMEMBERED_LAGS * response.slowest_s
     broken = _unseen_breaks(time_s, found, film.air_c, doubt.unsure, bead, memory_s) if alike else np.zeros(raw.shape)
     left_open = doubt.left_open * from_vapour
-    channel = held(channel, readings, raw, from_vapour, notes, (0.0, SATURATED_PERCENT), left_open, broken)
+    channel = held(channel, readings, raw, from_vapour, notes, AIR_PERCENT, left_open, broken)
     channel = _as_read(channel, raw, doubt.unread & (screened.usable | screened.repeated) & ~channel.raw, notes)
     apart = die is not None or found.cutoff_hz is not None
     of_air = _of_the_airs_temperature(channel, time_s, found.air, now, sigma) if apart else channel.uncertainty
@@ -596,14 +596,13 @@ def _of_the_airs_temperature(channel: FlightChannel, time_s: Array, vapour: Arra
 
 
 def _in_all(channel: FlightChannel, uncertainty: Array, left: float, now: Array, unsure_k: Array) -> FlightChannel:
-    """The channel within 0 and 100 %RH, with what is `left` in the readings, and what is not known of the two
+    """The channel within what air can have, with what is `left` in the readings, and what is not known of the two
     temperatures and of what the film holds while its temperature moves (`unsure_k`)."""
-    value = np.where(channel.raw, channel.value, np.clip(channel.value, 0.0, SATURATED_PERCENT))
-    # nothing between dry and saturated is farther away than the farther of the two
-    uncertainty = np.minimum(uncertainty, np.maximum(value, SATURATED_PERCENT - value))
-    of_temperature = np.where(channel.raw, 0.0, value * saturation_slope(now) * unsure_k)
-    uncertainty, common = (np.sqrt(s**2 + left**2 + of_temperature**2) for s in (uncertainty, channel.common))
-    return replace(channel, value=value, uncertainty=uncertainty, common=common)
+    channel = replace(channel, uncertainty=uncertainty).within(AIR_PERCENT)
+    of_temperature = np.where(channel.raw, 0.0, channel.value * saturation_slope(now) * unsure_k)
+    wider = (np.sqrt(s**2 + left**2 + of_temperature**2) for s in (channel.uncertainty, channel.common))
+    uncertainty, common = wider
+    return replace(channel, uncertainty=uncertainty, common=common)
 
 
 def felt_by_film(flight: Flight, part: HumidityProfile | None) -> Felt | None:

@@ -846,14 +846,18 @@ static void warm(shock_state *state, const shock_row *row, float step_s, told *f
   take(&b, found, row, step_s, row->temperature_c, shown, shown, &PLAIN);
 }
 
+/* Nothing that air can be is farther away than the farther end of that. */
+static float farthest_temperature(float c) { return most(c + 100.0f, 150.0f - c); }
+
 static void give_temperature(const bank *b, const told *found, shock_air *air) {
-  float own, shared;
+  float own, shared, value;
   air->temperature_flags = said(&found->judged);
   if (!b->own->started || is_stale(b->own, found)) return;
   shared = length(common(b->d, found), length(found->readout, b->d->left));
   own = most(found->air.stated, found->step * found->step / 12.0f);
-  air->temperature_c = found->air.value;
-  air->temperature_uncertainty_k = sqrtf(own + shared * shared);
+  value = within(found->air.value, -100.0f, 150.0f);
+  air->temperature_c = value;
+  air->temperature_uncertainty_k = least(sqrtf(own + shared * shared), farthest_temperature(value));
 }
 
 /* Nothing between dry and saturated is farther away than the farther of the two. */

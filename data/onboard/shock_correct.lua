@@ -730,9 +730,10 @@ function shock.step(state, row)
   air.temperature_flags = said(found.judged)
   if b.started and not is_stale(b, found) then
     local shared = length(common(b.d, found), length(found.readout, b.d.left))
-    air.temperature_c = found.air
+    local value = within(found.air, -100.0, 150.0)
+    air.temperature_c = value
     local own = max(found.stated, found.step * found.step / 12.0)
-    air.temperature_uncertainty_k = sqrt(own + shared * shared)
+    air.temperature_uncertainty_k = min(sqrt(own + shared * shared), max(value + 100.0, 150.0 - value))
   end
   humid(state, here, step_s, found, air)
   return air

@@ -235,6 +235,17 @@ def test_a_corrected_flight_as_a_table_is_what_its_file_holds(flight):
     assert int(data.flag_gap.sum()) == 9
 
 
+def test_a_band_is_drawn_as_far_as_there_is_air_with_it(flight):
+    """Of a humidity that nobody knows it had gone from -100 to 200 %RH."""
+    read, found = flight
+    climbing = dataclasses.replace(read, altitude_m=10.0 * read.time_s)
+    unsure = dataclasses.replace(found, humidity_uncertainty_percent=np.full(read.time_s.size, 80.0))
+    over_time, over_altitude = plot_flight(climbing, unsure).axes[2], plot_flight(climbing, unsure, "altitude").axes[1]
+    for axes, across in ((over_time, 1), (over_altitude, 0)):
+        ends = np.concatenate([path.vertices[:, across] for path in axes.collections[0].get_paths()])
+        assert (ends.min(), ends.max()) == (0.0, 100.0)
+
+
 def test_xarray_missing_is_said_with_the_remedy(monkeypatch):
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(ImportError, match=r"pip install 'shockrig\[notebook\]'"):
