@@ -27,7 +27,7 @@ from shockrig.analysis.flight.sweep import as_lagged, forgotten
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa, saturation_slope
 from shockrig.analysis.physics.standard_atmosphere import pressure_altitude_m
 from shockrig.files.flight import Corrected, Flight
-from shockrig.files.legs import legs
+from shockrig.files.legs import legs, longest_pair, too_far_apart
 from shockrig.files.numbers import plain
 
 Array = NDArray[np.float64]
@@ -285,8 +285,8 @@ UNITS = {"temperature": "K", "humidity": "%RH"}
 @dataclass(frozen=True)
 class UpAndDown:
     """Ascent against descent: layers in common, rms difference as read and as corrected, the relative error of the time
-    scale that explains it best, that number's standard error, the share of the difference's variance explained, and the
-    rms difference that this time scale would leave."""
+    scale that explains it best, that number's standard error, the share of the difference's variance explained, the
+    rms difference that this time scale would leave, and why the two say nothing of it (empty where they may)."""
 
     layers: int
     low_m: float
@@ -297,6 +297,7 @@ class UpAndDown:
     slower_error: float
     explained: float
     left: float
+    silent: str = ""
 
     @property
     def agree_better(self) -> bool:
@@ -317,7 +318,7 @@ class Told:
 
 
 def up_and_down(flight: Flight, channel: FlightChannel, air_c: Array | None = None) -> UpAndDown | None:
-    """Compare the longest way up with the longest way down; None where the flight has not both through one layer.
+    """Compare a way up with a way down (`_ways_beside`); None where the flight has not both through one layer.
 
     Humidity is compared at the mean of the ways' temperatures where that of each row is given (`_layered`).
     """
@@ -326,18 +327,20 @@ def up_and_down(flight: Flight, channel: FlightChannel, air_c: Array | None = No
     found = _layered(flight, (channel.value, channel.value - channel.lag, channel.lag), air_c=air_c)
     if found is None:
         return None
-    low, high, (corrected, read, lag) = found
+    corrected, read, lag = found.means
     slower, error = _slope(lag, corrected) if lag.size >= TELLING_LAYERS else (0.0, np.inf)
     size = [float(np.sqrt(np.mean(v**2))) for v in (read, corrected)]
     explained = float(np.corrcoef(lag, corrected)[0, 1] ** 2) if np.ptp(lag) and np.ptp(corrected) else 0.0
     left = float(np.sqrt(np.mean((corrected - slower * lag) ** 2)))
-    return UpAndDown(lag.size, low, high, size[0], size[1], -slower, error, explained, left)
+    return UpAndDown(
+        lag.size, found.low_m, found.high_m, size[0], size[1], -slower, error, explained, left, found.silent
+    )
 
 
 @dataclass(frozen=True)
 class WaysApart:
-    """How far the longest way up and the longest way down are apart: layers in common, from what height to what, and
-    the rms difference of each column."""
+    """How far a way up and a way down are apart: layers in common, from what height to what, and the rms difference of
+    each column."""
 
     layers: int
     low_m: float
@@ -346,18 +349,29 @@ class WaysApart:
 
 
 def ways_apart(flight: Flight, columns: Sequence[Array], air_c: Array | None = None) -> WaysApart | None:
-    """Compare the longest way up with the longest way down; None where the flight has not both through one layer."""
+    """Compare a way up with a way down (`_ways_beside`); None where the flight has not both through one layer."""
     if (found := _layered(flight, columns, air_c=air_c)) is None:
         return None
-    low, high, differences = found
-    return WaysApart(differences.shape[1], low, high, tuple(float(np.sqrt(np.mean(v**2))) for v in differences))
+    size = tuple(float(np.sqrt(np.mean(v**2))) for v in found.means)
+    return WaysApart(found.means.shape[1], found.low_m, found.high_m, size)
+
+
+@dataclass(frozen=True)
+class Layered:
+    """Means of columns in layers, descent beside ascent (c, layers), from what height to what, and why the two ways
+    tell nothing of a lag (empty where they may)."""
+
+    low_m: float
+    high_m: float
+    means: Array
+    silent: str
 
 
 def _layered(
     flight: Flight, columns: Sequence[Array], sign: float = -1.0, air_c: Array | None = None
-) -> tuple[float, float, Array] | None:
-    """Means of columns in the layers that the longest way up and the longest way down have in common, from what height
-    to what, descent less ascent (c, layers), or with `sign` 1 plus ascent; None where there are no such layers.
+) -> Layered | None:
+    """Means of columns in the layers that a way up and a way down (`_ways_beside`) have in common, descent less ascent,
+    or with `sign` 1 plus ascent; None where there are no such layers.
 
     Air keeps its vapour: where one way is warmer, by the sensor or by the air, its relative humidity is lower. With the
     temperature of each row, `air_c`, columns of humidity are those at the mean of both ways' temperatures.
@@ -367,7 +381,7 @@ def _layered(
     height = _height(flight)
     if height is None:
         return None
-    ways = _longest_ways(flight.time_s, height)
+    ways = _ways_beside(flight.time_s, height)
     count = min(MOST_LAYERS, *(way.size // ROWS_A_LAYER for way in ways))
     if count < FEWEST_LAYERS:
         return None
@@ -389,7 +403,8 @@ def _layered(
     if air_c is not None:
         both = saturation_pressure_hpa(0.5 * (up[-1] + down[-1]))
         up, down = (way[:-1] * saturation_pressure_hpa(way[-1]) / both for way in (up, down))
-    return low, high, down + sign * up
+    middle = [float(np.median(flight.time_s[way])) for way in ways]
+    return Layered(low, high, down + sign * up, too_far_apart(middle[1] - middle[0]))
 
 
 def compared(
@@ -412,7 +427,9 @@ def compared(
             notes.append(
                 f"{channel.name}: ascent and descent differ by {both.read:.2g} {unit} rms as read, by "
                 f"{both.corrected:.2g} {unit} corrected ({both.low_m:.0f} to {both.high_m:.0f} m)"
+                + (f"; they are {both.silent}, and say nothing of the sensor" if both.silent else "")
             )
+        if both is not None and not both.silent:
             stated = _stated(channel)
             wrong = min(abs(both.slower), MOST_SLOWER)
             sure = wrong > SURE_SIGMAS * both.slower_error and both.explained > EXPLAINED_SHARE
@@ -462,12 +479,12 @@ def _owned(flight: Flight, bead: FlightChannel, channel: FlightChannel, notes: l
     air_c = None if channel.name == bead.name else _warmth(flight, bead)
     less = _layered(flight, (channel.value, *(cause.moves for cause in found)), air_c=air_c)
     plus = _layered(flight, (stated, *(shape**2 for shape in shapes)), 1.0)
-    if less is None or plus is None or less[2].shape[1] != plus[2].shape[1]:
+    if less is None or plus is None or less.means.shape[1] != plus.means.shape[1]:
         return channel
-    difference, *moved = less[2]
-    seen = Difference(difference, plus[2][0])
+    difference, *moved = less.means
+    seen = Difference(difference, plus.means[0])
     beyond, likely = excess(seen)
-    squares = plus[2][1:]
+    squares = plus.means[1:]
     share, own = shared(seen, beyond, squares), of_either(beyond)
     wide = np.sqrt(
         sum(w * own * shape**2 / (0.5 * square.mean()) for w, shape, square in zip(share, shapes, squares, strict=True))
@@ -514,7 +531,7 @@ def told(flight: Flight, bead: FlightChannel, film: FlightChannel, before: Told 
     Where temperature does not show whether the air stayed as it was between the two ways, nothing is said.
     """
     both, air = up_and_down(flight, film, _warmth(flight, bead)), bridged(flight.time_s, bead.value)
-    if both is None or air is None or film.response is None:
+    if both is None or both.silent or air is None or film.response is None:
         return before
     shown = as_lagged(air, film.response, typical_period(flight.time_s))
     moved = up_and_down(flight, replace(bead, lag=air - shown))
@@ -556,17 +573,17 @@ def _stated(channel: FlightChannel) -> float:
     return float(np.sqrt(np.sum(channel.common[known] ** 2) / lag)) if lag > 0 else 0.0
 
 
-def _longest_ways(time_s: Array, height: Array) -> list[NDArray[np.int64]]:
-    """The rows of the longest way up, and of the longest way down, at which the carrier goes on; none where its height
-    may have wandered as far in that time, by itself."""
+def _ways_beside(time_s: Array, height: Array) -> list[NDArray[np.int64]]:
+    """The rows of a way up, and of a way down (`longest_pair`), at which the carrier goes on; none where its height may
+    have wandered as far in that time, by itself."""
     period = typical_period(time_s)
     width = max(round(SPEED_OVER_S / period), 1)
     smooth = uniform_filter1d(height, width, mode="nearest")
     step = np.maximum(np.diff(time_s, prepend=time_s[0] - period), 1e-9)
-    rise, between = np.diff(smooth, prepend=smooth[0]), legs(smooth)
+    rise = np.diff(smooth, prepend=smooth[0])
 
-    def longest(sign: float) -> NDArray[np.int64]:
-        first, last = max(between, key=lambda leg: sign * (smooth[leg[1]] - smooth[leg[0]]), default=(0, 0))
+    def going(first: int, last: int) -> NDArray[np.int64]:
+        sign = np.sign(smooth[last] - smooth[first])
         leg = slice(first, last + 1)
         gone, lasting = np.maximum(sign * rise[leg], 0.0), step[leg]
         if (metres := float(gone.sum())) == 0.0:
@@ -577,7 +594,14 @@ def _longest_ways(time_s: Array, height: Array) -> list[NDArray[np.int64]]:
         clearly = CLEARLY_FARTHER * WANDERS_M_S * float(step[rows].sum())
         return rows if sign * (smooth[last] - smooth[first]) > clearly else rows[:0]
 
-    return [longest(sign) for sign in (1.0, -1.0)]
+    between = legs(smooth)
+    rows = [going(*leg) for leg in between]
+    metres = [
+        smooth[last] - smooth[first] if way.size else 0.0 for (first, last), way in zip(between, rows, strict=True)
+    ]
+    middle_s = [np.median(time_s[way]) if way.size else time_s[leg[0]] for leg, way in zip(between, rows, strict=True)]
+    pair = longest_pair(np.array(middle_s), np.array(metres))
+    return [np.zeros(0, dtype=np.int64)] * 2 if pair is None else [rows[one] for one in pair]
 
 
 def _layers(height: Array, values: Array, edges: Array) -> Array:

@@ -31,6 +31,7 @@ from shockrig.analysis.learn.passes import Disagreement, NearerPasses, disagreem
 from shockrig.files.errors import InputError
 from shockrig.files.flight import Flight
 from shockrig.files.learned import RivalModel
+from shockrig.files.legs import too_far_apart
 
 Array = NDArray[np.float64]
 
@@ -469,8 +470,6 @@ def _why_open(used: Sequence[FlightBins], units: Sequence[FlightChannelData]) ->
     if max(speeds) < UNLIKE_SPEEDS * min(speeds):
         reasons.append("all passes have one speed")
     apart = [float(np.diff([one.time_s[(p.first + p.last) // 2] for p in one.passes]).mean()) for one in used]
-    if min(apart) > 1800.0:
-        reasons.append(
-            f"passes are {min(apart) / 60:.0f} minutes apart, in which the air changes by more than a lag does"
-        )
+    if why := too_far_apart(min(apart)):
+        reasons.append(f"passes are {why}")
     return "; ".join(reasons) or "the air changed between the passes by more than a lag of this sensor would show"

@@ -340,6 +340,40 @@ def test_a_slow_glider_is_compared_on_both_its_ways():
     assert down[:1000].all() and up[1000:].all() and not (up & down).any()
 
 
+def test_ways_that_are_hours_apart_say_nothing_of_the_sensor():
+    """A balloon at float in between: what the air did counted as error, and as a second lag of minutes."""
+    flight, channel = climbing(0.3)
+    up = np.arange(flight.time_s.size) < 1000
+    rate = np.full((flight.time_s.size, 1), 0.2)
+    response = LagResponse(np.ones(rate.shape), rate, np.zeros(rate.size))
+    off = dataclasses.replace(
+        channel, name="temperature", value=channel.value + np.where(up, 3.0, 0.0), response=response
+    )
+    film = dataclasses.replace(channel, raw=np.ones(up.size, dtype=bool))
+    found = {}
+    for floated_s in (0.0, 18000.0):
+        notes = []
+        later = dataclasses.replace(flight, time_s=flight.time_s + np.where(up, 0.0, floated_s))
+        bead, _, widened = compared(later, off, film, notes)
+        found[floated_s] = bool(widened), bool((bead.uncertainty > off.uncertainty).any()), " ".join(notes)
+    assert found[0.0][:2] == (True, True) and "ascent and descent disagree" in found[0.0][2]
+    assert found[18000.0][:2] == (False, False)
+    assert "minutes apart, in which the air changes by more than a lag does" in found[18000.0][2]
+    assert not any(words in found[18000.0][2] for words in ("disagree", "a second lag", "agree best"))
+
+
+def test_of_several_flights_in_a_log_ways_of_one_are_compared():
+    """The longest way down was two hours before the longest way up, in colder air."""
+    flight, channel = climbing(0.0)
+    part = np.r_[100:2000, 0:1900]
+    later = np.arange(part.size) >= 1900
+    two = dataclasses.replace(flight.at(part), time_s=flight.time_s[part] + 7200.0 * later)
+    of_rows = ("value", "uncertainty", "common", "lag", "readout_uncertainty", "outside", "raw")
+    both = dataclasses.replace(channel, **{name: getattr(channel, name)[part] for name in of_rows})
+    found = up_and_down(two, dataclasses.replace(both, value=both.value + 5.0 * later))
+    assert found.silent == "" and found.corrected < 0.3 * found.read
+
+
 def test_a_height_that_wanders_with_the_weather_is_no_way_up_or_down():
     """A sensor on a mast whose pressure falls by 7 hPa in ten hours and rises again."""
     flight, channel = climbing(0.0)
