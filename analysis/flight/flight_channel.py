@@ -374,7 +374,17 @@ def _given_nowhere(
             f"{readings.channel}: {counted(int(np.count_nonzero(old)), 'row')} where the reading stands: told by "
             "the readings before and after" + ("" if readings.told is None else ", and by the temperature")
         )
-    return np.asarray((far & ~read & ~(capped & (raw >= most))) | (raw_rows & ~(screened.usable | screened.repeated)))
+    empty = (far & ~read & ~(capped & (raw >= most))) | (raw_rows & ~(screened.usable | screened.repeated))
+    held_at = screened.repeated | capped
+    for rows, why in ((held_at, "the reading is held at"), (~held_at, "the reading is implausible, at")):
+        if (lost := empty & rows & np.isfinite(raw)).any():
+            levels, count = np.unique(raw[lost], return_counts=True)
+            more = f" and {counted(levels.size - 1, 'other value')}" if levels.size > 1 else ""
+            notes.append(
+                f"{readings.channel}: {counted(int(np.count_nonzero(lost)), 'row')} without a value: {why} "
+                f"{levels[np.argmax(count)]:.6g}{more}, and too far from any that counts"
+            )
+    return np.asarray(empty)
 
 
 def _contradicted(readings: FlightReadings, found: Estimate, noise: Array, trusted: Mask) -> Mask:

@@ -1,6 +1,7 @@
 """What goes into a flight's correction: codes for no value, bursts, stuck and swapped readings, ceilings, slips."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.flight.simulated.weather import convective, frontal
 from shockrig.analysis.flight.stretches import Felt, largest_share, scatter, stuck_rows
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
+from shockrig.files.flight import Flight
 from shockrig.files.profile import StatedEffect, Uncertain
 from shockrig.files.ranges import RANGES
 from shockrig.files.sentinels import CODES, coded
@@ -1029,6 +1031,19 @@ def test_a_sensor_that_stands_to_the_end_of_the_log_is_said_to():
     """However many of its readings lie on one level: one level is no grid."""
     done = correct(flight(humidity_percent=lambda v: put(slice(170, None), v[170])(v)), PROFILE)
     assert any("humidity_percent: the reading stands at" in note for note in done.notes)
+
+
+def test_rows_that_get_no_value_because_the_reading_is_held_are_counted():
+    """A thermometer at the end of its range, for less than a fifth of the log: blank without a word."""
+    time_s, unknown = np.arange(1000.0), np.full(1000, np.nan)
+    air = -30.0 - 25.0 * np.sin(time_s / 400.0) + 0.02 * np.random.default_rng(2).standard_normal(1000)
+    jumping = np.where((time_s >= 400) & (time_s < 560), -90.0, np.maximum(air, -50.0))
+    for reading, why in ((np.maximum(air, -50.0), "held at -50"), (jumping, "implausible, at -90")):
+        done = correct(Flight(time_s, reading, *4 * [unknown]), PROFILE)
+        said = [note for note in done.notes if "without a value" in note and f"the reading is {why}" in note]
+        assert len(said) == 1 and int(re.search(r"\d+ rows", said[0])[0].split()[0]) > 80
+    every = sum(int(re.search(r"(\d+) rows without a value", note)[1]) for note in done.notes if "a value" in note)
+    assert every == np.isnan(done.temperature_c).sum()
 
 
 def test_a_jump_of_a_few_coarse_steps_is_seen():
