@@ -31,6 +31,7 @@ from shockrig.files.unit_names import (
     outside_name,
     quantity_of,
     squeeze,
+    unique_names,
     unit_in_name,
     unit_of_column,
 )
@@ -238,7 +239,7 @@ def _plain(name: str) -> str:
     return re.sub(r"(degc|celsius)$", "c", squeeze(re.sub(r"^\S+-iMet-XQ2? ", "XQ-iMet-XQ ", name)))
 
 
-def _listed(header: list[str]) -> str:
+def _listed(header: Sequence[str]) -> str:
     """The header's names, as far as they can be shown on a line."""
     names = ", ".join(name if name.isprintable() else repr(name) for name in header)
     return f"columns: {names[:200]}{'...' if len(names) > 200 else ''}"
@@ -330,8 +331,9 @@ def read_layout(path: Path, chosen: Mapping[str, str] | None = None) -> FlightCo
 
 def also_called(quantity: str, header: Sequence[str], place: Mapping[str, int]) -> list[str]:
     """Columns that may be a quantity's by their names, and are not taken for anything."""
-    taken = {header[k] for k in place.values()}
-    return [name for name in header if name not in taken and quantity_of(name, unit_in_name(name)) == quantity]
+    taken, named = set(place.values()), unique_names(header)
+    others = [k for k, name in enumerate(header) if quantity_of(name, unit_in_name(name)) == quantity]
+    return [named[k] for k in others if k not in taken]
 
 
 def _one_of(quantity: str, header: Sequence[str], place: Mapping[str, int]) -> str:
@@ -422,10 +424,10 @@ def _places(path: Path, header: list[str], chosen: Mapping[str, str], log: Known
     place: dict[str, int] = {}
     for quantity, names in NAMES.items():
         if quantity in chosen:
-            if chosen[quantity] not in header:
+            if chosen[quantity] not in (named := unique_names(header)):
                 missing = f"no column {chosen[quantity]!r} for {quantity}"
-                raise InputError(f"{shown(path)}, line 1: {missing}; name one of its own ({_listed(header)})")
-            place[quantity] = header.index(chosen[quantity])
+                raise InputError(f"{shown(path)}, line 1: {missing}; name one of its own ({_listed(named)})")
+            place[quantity] = named.index(chosen[quantity])
             continue
         if log is not None:
             if log.columns.get(quantity) in header:

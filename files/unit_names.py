@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
@@ -180,6 +181,17 @@ def bare_name(name: str) -> str:
         if len(words) > n and known_unit("_".join(words[-n:])) is not None:
             return "_".join(words[:-n])
     return bare
+
+
+def unique_names(names: Sequence[str], width: int | None = None) -> tuple[str, ...]:
+    """One name for each column: numbers where there is none, "#2" and so on where one is there again."""
+    seen: Counter[str] = Counter()
+    unique = []
+    for k in range(len(names) if width is None else width):
+        name = names[k].strip() if k < len(names) and names[k].strip() else str(k + 1)
+        seen[name] += 1
+        unique.append(name if seen[name] == 1 else f"{name} #{seen[name]}")
+    return tuple(unique)
 
 
 def is_called_time(name: str) -> bool:

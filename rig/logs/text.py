@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from shockrig.files.disk import shown
 from shockrig.files.sentinels import NO_VALUE_WORDS
-from shockrig.files.unit_names import is_called_time, is_unit, known_unit, unit_in_name
+from shockrig.files.unit_names import is_called_time, is_unit, known_unit, unique_names, unit_in_name
 from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.logs.lines import Index, Lines, read_lines
 
@@ -270,11 +270,11 @@ def _header(
         return tuple(str(k + 1) for k in range(width)), nothing, 0
     if layout.header_line is not None:
         line = lines[layout.header_line - 1] if layout.header_line <= len(lines) else ""
-        return _unique(aligned(cells(line)), width), nothing, layout.header_line
+        return unique_names(aligned(cells(line)), width), nothing, layout.header_line
     over = kept[: int(np.searchsorted(kept.places, plain.places[first]))]
     named = [(match[1], over.number(i)) for i, line in enumerate(over) if (match := LISTED.match(line))]
     if len(named) == width:  # a line each, as Sea-Bird and Lockheed Martin write them
-        return _unique([name for name, _ in named], width), nothing, named[-1][1]
+        return unique_names([name for name, _ in named], width), nothing, named[-1][1]
     units = nothing
     for i in range(first - 1, -1, -1):
         found = cells(plain[i])
@@ -289,7 +289,7 @@ def _header(
             continue
         if said > len(found) / 2:
             break
-        return _unique(aligned(found), width), units, plain.number(i)
+        return unique_names(aligned(found), width), units, plain.number(i)
     # The names may stand in a comment: "# time temperature humidity".
     for i in reversed(range(len(over))):
         found = cells(over[i].lstrip("".join(COMMENTS) + " "))
@@ -299,19 +299,8 @@ def _header(
         # Whoever writes names and rows apart may name more than a row holds.
         whole = len(found) == width or (len(found) > width and is_called_time(found[0]))
         if whole and not any(NUMBER.fullmatch(cell) for cell in found):
-            return _unique(found, width), units, over.number(i)
+            return unique_names(found, width), units, over.number(i)
     return tuple(str(k + 1) for k in range(width)), nothing, 0
-
-
-def _unique(names: Sequence[str], width: int) -> tuple[str, ...]:
-    """One name for each column: numbers where there is none, "#2" and so on where one is there again."""
-    seen: Counter[str] = Counter()
-    unique = []
-    for k in range(width):
-        name = names[k].strip() if k < len(names) and names[k].strip() else str(k + 1)
-        seen[name] += 1
-        unique.append(name if seen[name] == 1 else f"{name} #{seen[name]}")
-    return tuple(unique)
 
 
 def _decimal(rows: Sequence[str], separator: str) -> str:

@@ -227,6 +227,18 @@ def test_of_several_temperatures_the_airs_is_taken_and_the_others_are_named(
         assert status == 0 and "is taken, and not" not in said
 
 
+def test_a_second_column_of_one_name_is_named_and_can_be_taken(tmp_path, capsys):
+    """By the name that an import gives it; there was no word of it, and no name."""
+    rows = [f"{s},{20 + 0.1 * np.sin(s / 9):.2f},{60 + 0.1 * np.sin(s / 9):.2f}" for s in range(60)]
+    text = "\n".join(["time,Temperature (C),Temperature (C)", *rows]) + "\n"
+    status, said = run(tmp_path, capsys, text)
+    assert status == 0 and "temperature 'Temperature (C)' is taken, and not 'Temperature (C) #2'" in said
+    assert 15.0 < pandas.read_csv(tmp_path / "out.csv").temperature_corrected_c.median() < 25.0
+    status, said = run(tmp_path, capsys, text, "--column", "temperature=Temperature (C) #2")
+    assert status == 0 and "is taken, and not" not in said
+    assert 55.0 < pandas.read_csv(tmp_path / "out.csv").temperature_corrected_c.median() < 65.0
+
+
 def test_lines_of_metadata_and_a_row_of_units_go_by_the_map_that_look_writes(tmp_path, capsys):
     head = ["Version,1.0,", "Serial,77,", "Started,1780000000,s,"]
     names = "UTC Date,UTC Time,Altitude ASL,Pressure,Air Temp C,Rel Hum C,Speed Over Ground,Latitude,Longitude"
