@@ -75,7 +75,7 @@ def to_csv(
     if map_path is not None:
         from shockrig.rig.logs.map_file import read_map
 
-        found = _by_map(source, read_map(map_path))
+        found, said = _by_map(source, read_map(map_path))
     elif source.suffix.lower() == ".bin":
         from shockrig.protocols.ardupilot import read_bin
 
@@ -129,7 +129,8 @@ def _by_guess(source: Path, columns: Mapping[str, str] | None) -> tuple[dict[str
             raise refused from None
         ordered = sorted(seen.sensors.items(), key=lambda one: not _is_outside(one[1]))
         seen = replace(seen, sensors=dict(ordered))
-        found, taken, others = _by_map(source, seen), dict[str, str](), dict[str, list[str]]()
+        found, remarks = _by_map(source, seen)
+        taken, others = dict[str, str](), dict[str, list[str]]()
         for sensor in seen.sensors.values():
             for key, (name, _) in sensor.columns.items():
                 if taken.setdefault(key, name) != name:
@@ -155,7 +156,7 @@ def _by_guess(source: Path, columns: Mapping[str, str] | None) -> tuple[dict[str
             if key in others:
                 named = ", ".join(map(repr, others[key]))
                 said.append(f"{key} {taken[key]!r} is taken, and not {named}: a map with one sensor takes another")
-        return found, tuple(said)
+        return found, (*said, *remarks)
     return None
 
 
@@ -164,7 +165,8 @@ def _is_outside(sensor: SensorMap) -> bool:
     return any(outside_name(squeeze(name)) is not None for key, (name, _) in sensor.columns.items() if key in MAIN)
 
 
-def _by_map(source: Path, map_: LogMap) -> dict[str, Series]:
+def _by_map(source: Path, map_: LogMap) -> tuple[dict[str, Series], tuple[str, ...]]:
+    """What a log holds by a map, and what was found odd in it."""
     from shockrig.rig.logs.sensor_logs import read_sensors
 
     log = read_sensors(source, map_)
@@ -184,7 +186,8 @@ def _by_map(source: Path, map_: LogMap) -> dict[str, Series]:
         for key, quantity in keys.items():
             if key in readings.values:
                 found.setdefault(quantity, (time_s, readings.values[key]))
-    return found
+    remarks = (*log.log.remarks, *(said for one in log.readings.values() for said in one.remarks))
+    return found, remarks
 
 
 def _write(source: Path, found: Mapping[str, Series], target: Path) -> None:

@@ -70,7 +70,8 @@ class Scan:
 
     def cells(self, rows: Iterable[str]) -> list[list[str]]:
         """Lines of the data as stripped cells."""
-        return [[cell.strip() for cell in _split(row, self.separator)] for row in rows]
+        width = len(self.names)
+        return [[cell.strip() for cell in _split(row, self.separator)[:width]] for row in rows]
 
     @property
     def numbers(self) -> Index:
@@ -122,11 +123,13 @@ def _scan(path: Path, layout: Layout) -> Scan:
         raise BenchError(f"{shown(path)}: no rows of numbers in it; expected a time and values, one row a reading")
     names, units, header_line = _header(lines, kept, plain, first, separator, width, layout)
     header = _split(lines[header_line - 1], separator) if header_line else None
+    fuller = _fuller_rows(plain, counts, first, separator, width, header, header_line)
+    first = min([first, *fuller])
     good = np.ones(len(plain), dtype=bool)
     good[:first] = False
     odd: dict[str, tuple[int, int]] = {}
     for i, line in enumerate(plain[first:], start=first):
-        if counts[i] != width:
+        if counts[i] != width and i not in fuller:
             reason = "of another number of cells"
         elif header is not None and header[0] in line and _split(line, separator) == header:
             reason = "that repeat the header"
@@ -140,6 +143,25 @@ def _scan(path: Path, layout: Layout) -> Scan:
     metadata = tuple(kept[i].strip() for i in range(above) if kept.number(i) != header_line)
     decimal = layout.decimal or _decimal(_some(rows), separator)
     return Scan(path, separator, decimal, header_line, names, units, metadata, rows, odd)
+
+
+def _fuller_rows(
+    plain: Lines,
+    counts: NDArray[np.int32],
+    first: int,
+    separator: str,
+    width: int,
+    header: list[str] | None,
+    header_line: int,
+) -> set[int]:
+    """Indices of rows that fill all of a header which most rows, `width` cells wide, fill a part of: where the first of
+    these has numbers they have values. The columns behind are of few rows, such as where and when a session was."""
+    if header is None or len(header) <= width:
+        return set()
+    numbers = [k for k, cell in enumerate(_split(plain[first], separator)) if _is_number(cell.strip())]
+    there = (i for i in np.flatnonzero(counts == len(header)).tolist() if plain.number(i) > header_line)
+    cells = ((i, _split(plain[i], separator)) for i in there)
+    return {i for i, row in cells if all(is_value(row[k]) for k in numbers)}
 
 
 def is_value(cell: str) -> bool:

@@ -227,6 +227,13 @@ def test_of_several_temperatures_the_airs_is_taken_and_the_others_are_named(
         assert status == 0 and "is taken, and not" not in said
 
 
+def test_lines_of_another_layout_that_cannot_be_read_are_said(tmp_path, capsys):
+    rows = [f"{s};{20 + 0.1 * np.sin(s / 9):.2f}" for s in range(60)]
+    rows[30] = "30;20.1;1;2"
+    status, said = run(tmp_path, capsys, "\n".join(["time;temperature", *rows]) + "\n")
+    assert status == 0 and "lines of another number of cells left out (the first in line 32)" in said
+
+
 def test_a_second_column_of_one_name_is_named_and_can_be_taken(tmp_path, capsys):
     """By the name that an import gives it; there was no word of it, and no name."""
     rows = [f"{s},{20 + 0.1 * np.sin(s / 9):.2f},{60 + 0.1 * np.sin(s / 9):.2f}" for s in range(60)]

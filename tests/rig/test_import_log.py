@@ -482,6 +482,18 @@ def test_a_line_of_names_that_is_one_short_leaves_the_first_column_without(tmp_p
     assert scanned.names == ("1", "setpoint", "temp", "rh") if first == "1" else ("time", "setpoint", "temp", "4")
 
 
+def test_a_row_that_fills_more_of_the_names_than_the_others_is_one(tmp_path):
+    """A Kestrel's first row says also where and when its session was: it stood for metadata, and was lost."""
+    rows = [f"{t};{c:.2f};session" for t, c in zip(LOG.time_s, LOG.temperature_c, strict=True)]
+    rows[0] += ";Session 1;here"
+    rows[50] += ";Session 2"
+    names = "time;temp;kind;record;place"
+    scanned = scan(written(tmp_path / "log.csv", text(["Model;5500L", names, "s;°C", *rows])), Layout())
+    assert len(scanned.rows) == len(rows) - 1 and scanned.names == ("time", "temp", "kind")
+    assert scanned.cells(scanned.rows[:2]) == [row.split(";")[:3] for row in rows[:2]]
+    assert scanned.odd == {"of another number of cells": (1, 54)} and "Model;5500L" in scanned.metadata
+
+
 def test_runs_side_by_side_with_times_of_their_own_are_pointed_out(tmp_path):
     rows = [f"{t},{c},{1.01 * t:.3f},{c}" for t, c in zip(LOG.time_s, LOG.temperature_c, strict=True)]
     log = written(tmp_path / "log.csv", text(["Time (s),Temp (°C),Time (s),Temp (°C)", *rows]))
