@@ -57,7 +57,7 @@ _ALIASES = {
     "inHg": ("inhg", "in hg"),
     "psi": ("psi",),
     "m/s": ("m/s", "m s-1", "ms-1", "m_s", "mps", "m s^-1"),
-    "km/h": ("km/h", "kmh", "kph"),
+    "km/h": ("km/h", "kmh", "kph", "km/hr"),
     "knots": ("knots", "kt", "kts", "kn"),
     "mph": ("mph",),
     "ft/min": ("ft/min", "fpm"),
@@ -89,6 +89,8 @@ _TIMES = (
     "epoch", "unixtime", "unix", "ms", "fecha", "hora", "heure", "clock", "tms",
 )  # fmt: skip
 OUTSIDE = ("external", "outside", "outdoor", "ambient", "ext", "air")
+# "km/hr", "mm/hr": an hour, and not the "hr" that is a humidity in French and Spanish
+_PER_HOUR = re.compile(r"(?<![a-z])(km|mi|nmi?|mm?|cm|ft|in|l)\s*/\s*(h|hrs?|hours?)(?![a-z])")
 _BRACKETS = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]")
 
 
@@ -206,7 +208,7 @@ def is_called_time(name: str) -> bool:
 
 def quantity_of(name: str, unit: str | None) -> str | None:
     """What a column measures, by its name and unit: a key of `UNITS` but time, or None."""
-    low = name.lower()
+    low = _PER_HOUR.sub("", name.lower())
     if any(word in low for word in _OTHER):
         return None
     by_unit = _QUANTITY_OF.get(unit) if unit else None

@@ -28,7 +28,7 @@ from made_up_logs import (
 
 from shockrig.analysis.checks.campaign_checks import check_campaign
 from shockrig.files.campaign import read_campaign
-from shockrig.files.unit_names import quantity_of
+from shockrig.files.unit_names import quantity_of, unit_in_name
 from shockrig.protocols.cli import main
 from shockrig.rig.logs import clock_columns
 from shockrig.rig.logs.first_map import look_at
@@ -416,6 +416,22 @@ def test_a_comment_may_name_more_columns_than_there_are(tmp_path):
 def test_a_percentage_of_something_else_is_no_humidity(name):
     assert quantity_of(name, "percent") is None
     assert quantity_of("Kanal 2 [%]", "percent") == "humidity"
+
+
+@pytest.mark.parametrize(
+    ("name", "quantity"),
+    [
+        ("Speed(km/hr)", None), ("rain mm/hr", None), ("Wind Speed km/hr", "airflow"),
+        ("T/HR", "humidity"), ("hr", "humidity"),
+    ],
+)  # fmt: skip
+def test_an_hour_in_a_unit_is_no_humidity(name, quantity):
+    """Beside 'Humidity(%)' a note had named 'Speed(km/hr)' as another."""
+    assert quantity_of(name, None) == quantity
+
+
+def test_a_speed_in_km_hr_is_one():
+    assert unit_in_name("Speed(km/hr)") == "km/h" and quantity_of("Speed(km/hr)", "km/h") == "airflow"
 
 
 def test_columns_that_are_not_used_are_said_and_german_humidity_is_known(tmp_path, capsys):
