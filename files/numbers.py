@@ -1,8 +1,11 @@
-"""Numbers as a person writes them: as many digits as the uncertainty allows, powers of ten apart, a true minus sign."""
+"""Numbers as a person writes them: as many digits as the uncertainty allows, powers of ten apart, a true minus sign; a
+time as a date where it is one.
+"""
 
 from __future__ import annotations
 
 import math
+from datetime import UTC, datetime, timedelta
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -78,6 +81,17 @@ def power_of_ten(value: float) -> tuple[float, str]:
 
 def _number(value: float, decimals: int) -> str:
     return f"{value:.{decimals}f}".replace("-", "−")
+
+
+SINCE_1970_S = 5e8  # a clock that says more counts from 1970: it is of dates
+
+
+def moment(time_s: float) -> str:
+    """A time of a log: its date and time of day to the millisecond where it has one, else seconds."""
+    if not SINCE_1970_S < time_s < math.inf:
+        return f"{time_s:.10g} s"
+    at = datetime.fromtimestamp(0, UTC) + timedelta(milliseconds=round(1e3 * time_s))
+    return f"{at:%Y-%m-%d %H:%M:%S}{f'.{at.microsecond // 1000:03}'.rstrip('0').rstrip('.')} UTC"
 
 
 def counted(count: int, noun: str) -> str:

@@ -5,7 +5,6 @@ matplotlib is imported to draw.
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -14,13 +13,13 @@ from numpy.typing import NDArray
 from shockrig.files.errors import InputError
 from shockrig.files.figures import ORANGE, notebook_figure, styled
 from shockrig.files.legs import ways
+from shockrig.files.numbers import SINCE_1970_S, moment
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 Against = Literal["time", "altitude"]
-SINCE_1970_S = 5e8  # a clock that says more counts from 1970
 IN_MINUTES_S = 900.0  # a flight that lasts longer is drawn over minutes
 LEAST_CLIMB_M = 10.0  # of an altitude that says more than its own noise
 ENOUGH_ROWS = 4000  # that a figure can show; more only make it heavy
@@ -33,8 +32,7 @@ def time_axis(time_s: Array) -> tuple[Array, str]:
     lasts_s = float(np.ptp(known)) if known.size else 0.0
     scale, unit = (60.0, "min") if lasts_s > IN_MINUTES_S else (1.0, "s")
     if first_s > SINCE_1970_S:
-        began = datetime.fromtimestamp(first_s, UTC)
-        return (time_s - first_s) / scale, f"time since {began:%Y-%m-%d %H:%M:%S} UTC, {unit}"
+        return (time_s - first_s) / scale, f"time since {moment(first_s)}, {unit}"
     return time_s / scale, f"time, {unit}"
 
 

@@ -28,7 +28,7 @@ from shockrig.analysis.physics.humidity import saturation_pressure_hpa, saturati
 from shockrig.analysis.physics.standard_atmosphere import pressure_altitude_m
 from shockrig.files.flight import Corrected, Flight
 from shockrig.files.legs import legs, longest_pair, too_far_apart
-from shockrig.files.numbers import plain
+from shockrig.files.numbers import moment, plain
 
 Array = NDArray[np.float64]
 
@@ -695,7 +695,7 @@ def seen_by_film(
     # moved it comes and goes, the going maybe too slowly to show, so that no sum of moves is what it is off by
     off = np.minimum(np.maximum(np.abs(alone), np.abs(alone - alone[-1])), film.most_alone_k)
     said = (
-        f"temperature: between {first:.10g} and {last:.10g} s it moves by up to {off.max():.2g} K without the "
+        f"temperature: between {moment(first)} and {moment(last)} it moves by up to {off.max():.2g} K without the "
         "humidity, which follows the air's at once: "
     )
     with_them, without = following(flight, air), following(flight, air - alone)

@@ -58,6 +58,7 @@ from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S, REFERE
 from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA
 from shockrig.files.errors import InputError
 from shockrig.files.flight import FLAGS, Corrected, Flight
+from shockrig.files.numbers import moment
 from shockrig.files.profile import Profile
 from shockrig.files.profile_data import NOISE_K, NOISE_PERCENT
 from shockrig.files.ranges import LIKELY_RANGES, RANGES
@@ -209,7 +210,7 @@ def in_order(flight: Flight) -> tuple[Flight, NDArray[np.int64], list[str]]:
         raise InputError("time_s: fewer than two rows with times that run forward; give a log with a clock in seconds")
     rows = np.flatnonzero(clock.good)
     steps = [
-        f"the clock steps by {step.by_s:+.4g} s to {flight.time_s[step.row]:.10g} s: "
+        f"the clock steps by {step.by_s:+.4g} s to {moment(flight.time_s[step.row])}: "
         + ("the readings run on, it was set" if step.runs_on else "a gap, across which nothing is concluded")
         for step in clock.steps
     ]

@@ -17,7 +17,7 @@ from shockrig.analysis.flight.stretches import scatter
 from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S, REFERENCE_C, Stream
 from shockrig.analysis.physics.standard_atmosphere import pressure_altitude_m
 from shockrig.files.flight import Flight
-from shockrig.files.numbers import counted
+from shockrig.files.numbers import SINCE_1970_S, counted
 from shockrig.files.profile import HumidityProfile, Profile, ResponseTime
 from shockrig.files.ranges import LIKELY_RANGES, RANGES
 
@@ -198,7 +198,8 @@ def doubts(flight: Flight) -> list[str]:
     ahead = np.diff(flight.time_s, prepend=flight.time_s[:1])
     since = np.cumsum(np.maximum(ahead, 0.0))  # a clock that is set back says nothing of how long that took
     lasts, period = float(since[-1]), typical_period(flight.time_s)
-    if lasts > LONGEST_FLIGHT_S and period > SLOWEST_PERIOD_S:
+    dated = float(np.nanmedian(flight.time_s)) > SINCE_1970_S  # of which nobody has to guess the unit
+    if lasts > LONGEST_FLIGHT_S and period > SLOWEST_PERIOD_S and not dated:
         found.append(
             f"time_s: the log lasts {lasts / 3600:.3g} h with a row every {period:.3g} s: if these are milliseconds, "
             'divide by 1000, or read the log by a map with time_unit = "ms"'

@@ -20,7 +20,7 @@ from shockrig.analysis.flight.smooth_channel import Estimate, typical_period
 from shockrig.analysis.flight.stretches import largest_share
 from shockrig.analysis.flight.sweep import COARSE_IN_NOISE, lags_behind
 from shockrig.analysis.flight.undo_readout import Carried, Undone
-from shockrig.files.numbers import counted
+from shockrig.files.numbers import counted, moment
 from shockrig.files.profile import HumidityProfile, TemperatureProfile
 from shockrig.files.ranges import RANGES, Range
 
@@ -245,23 +245,23 @@ class FlightChannel:
         """The same, as unsure as the sensor itself has changed: nothing tells when it was right. When it did, and when
         its readings moved oddly, is said in the times that the log has (n,)."""
         notes.extend(
-            f"{self.name}: from {logged_s[one.row]:.10g} s on the reading goes {'up' if one.way > 0 else 'down'} "
-            f"{one.why}; until {logged_s[one.until]:.10g} s the air may be as it was before"
+            f"{self.name}: from {moment(logged_s[one.row])} on the reading goes {'up' if one.way > 0 else 'down'} "
+            f"{one.why}; until {moment(logged_s[one.until])} the air may be as it was before"
             + (", and is given as read, since it comes back like that as well" if one.is_undone else "")
             for one in self.odd_moves[:MOST_MOVES]
         )
         if others := self.odd_moves[MOST_MOVES:]:
             notes.append(
                 f"{self.name}: {counted(len(others), 'more move')} like that, the last from "
-                f"{logged_s[others[-1].row]:.10g} s on"
+                f"{moment(logged_s[others[-1].row])} on"
             )
         if self.changed is None:
             return self
         jumps, unit = np.flatnonzero(self.changed.steps), "%RH" if self.name == "humidity" else "K"
-        at_s, size = logged_s[jumps[0]], self.changed.steps[jumps[0]]
+        at, size = moment(logged_s[jumps[0]]), self.changed.steps[jumps[0]]
         more = f", {counted(jumps.size - 1, 'more jump')} behind it" if jumps.size > 1 else ""
         notes.append(
-            f"{self.name}: at {at_s:.10g} s the reading jumps by {size:.2g} {unit}"
+            f"{self.name}: at {at} the reading jumps by {size:.2g} {unit}"
             f"{more}, which no air makes it do behind its lag: the sensor changed (its supply, a converter's range); "
             "nothing tells on which side it was right, and uncertainties are widened by that"
         )
@@ -375,14 +375,15 @@ def _given_nowhere(
             "the readings before and after" + ("" if readings.told is None else ", and by the temperature")
         )
     empty = (far & ~read & ~(capped & (raw >= most))) | (raw_rows & ~(screened.usable | screened.repeated))
-    held_at = screened.repeated | capped
-    for rows, why in ((held_at, "the reading is held at"), (~held_at, "the reading is implausible, at")):
+    still = screened.repeated | capped
+    for rows in (still, ~still):
         if (lost := empty & rows & np.isfinite(raw)).any():
             levels, count = np.unique(raw[lost], return_counts=True)
-            more = f" and {counted(levels.size - 1, 'other value')}" if levels.size > 1 else ""
+            usual = f"{levels[np.argmax(count)]:.6g}"
+            why = "the one before again" if 2 * count.max() < count.sum() else f"held at {usual}"
             notes.append(
-                f"{readings.channel}: {counted(int(np.count_nonzero(lost)), 'row')} without a value: {why} "
-                f"{levels[np.argmax(count)]:.6g}{more}, and too far from any that counts"
+                f"{readings.channel}: {counted(int(count.sum()), 'row')} without a value: the reading is "
+                f"{why if rows is still else f'implausible, such as {usual}'}, and too far from any that counts"
             )
     return np.asarray(empty)
 

@@ -30,6 +30,7 @@ from shockrig.analysis.physics.schemes.state_space import (
     zeros,
 )
 from shockrig.files.errors import InputError
+from shockrig.files.numbers import moment
 
 Array = NDArray[np.float64]
 
@@ -295,9 +296,10 @@ def _evenly(readings: FlightReadings) -> tuple[float, Array, Array]:
     if np.ptp(own) > MOST_GAPS * own.size * period:
         row = int(np.argmax(np.diff(own)))
         logged_s = own if readings.logged_s is None else readings.logged_s
+        by_s, at = float(logged_s[row + 1] - logged_s[row]), moment(logged_s[row])
         raise RefusedError(
-            f"{readings.channel}: time_s leaps by {logged_s[row + 1] - logged_s[row]:.3g} s at {logged_s[row]:.1f} s, "
-            "and the inverse needs even steps; fix the log's clock or cut the log there, or use the smoother"
+            f"{readings.channel}: time_s leaps by {by_s:.3g} s at {at}, and the inverse needs even steps; fix the "
+            "log's clock or cut the log there, or use the smoother"
         )
     time = np.arange(own[0], own[-1] + readings.delay_s + 0.5 * period, period)
     return period, time, np.interp(time, own[rows], readings.reading[rows])

@@ -7,6 +7,7 @@ import pandas
 import pytest
 
 from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.flight.doubts import doubts
 from shockrig.analysis.flight.inverse import RefusedError
 from shockrig.analysis.flight.response import film_response
 from shockrig.analysis.flight.screen import clock
@@ -16,6 +17,7 @@ from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.flight.simulated.weather import inversion
 from shockrig.analysis.flight.sweep import lags_behind
 from shockrig.analysis.physics.air_exchange import Stream
+from shockrig.files.numbers import moment
 
 PROFILE = typical_profile()
 
@@ -115,6 +117,35 @@ def test_times_that_are_said_are_the_logs_own(flown, by):
     assert any(note.startswith(f"humidity: at {jumped:.10g} s the reading jumps") for note in notes)
     said = [float(one) for note in notes for one in re.findall(r"(?:at|from|until|between|and|to) (-?[0-9.]+) s", note)]
     assert said and all(np.abs(log["time_s"] - one).min() < 0.05 for one in said)
+
+
+@pytest.mark.parametrize(("begins_s", "unit"), [(0.0, " s"), (1626887912.0, " UTC")])
+def test_times_that_are_said_are_dates_where_the_log_has_dates(flown, begins_s, unit):
+    """Before: "the clock steps by +47 s to 1626889716 s", of a log in which that stood nowhere."""
+    log = flown.log.drop(index=range(100, 300)).reset_index(drop=True)
+    log["time_s"] += begins_s
+    log.loc[600:, "humidity_percent"] += 6.0
+    notes = correct(to_flight(log), PROFILE).notes
+    said = [note for note in notes if "the clock steps" in note or "the reading jumps" in note]
+    assert len(said) == 2 and all(unit in note for note in said)
+    assert not any(re.search(r"\d{9}", note) for note in notes)
+    behind = f"{begins_s + 30.0:.10g} s" if unit == " s" else "2021-07-21 17:19:02 UTC"
+    assert any(f"the clock steps by +20.1 s to {behind}" in note for note in notes)
+
+
+def test_a_time_is_written_as_the_log_has_it():
+    assert moment(12.34) == "12.34 s" and moment(-3.0) == "-3 s" and moment(float("nan")) == "nan s"
+    assert moment(1626887912.25) == "2021-07-21 17:18:32.25 UTC"
+    assert moment(1626887911.9999) == "2021-07-21 17:18:32 UTC"
+
+
+def test_dates_of_two_days_are_no_milliseconds(flown):
+    """Two flights in a log, a day apart. Before: "if these are milliseconds, divide by 1000"."""
+    log = flown.log.iloc[::30].reset_index(drop=True)
+    time_s = 30.0 * np.arange(len(log)) + np.where(np.arange(len(log)) > 20, 90000.0, 0.0)
+    for begins_s, doubted in ((0.0, True), (1626887912.0, False)):
+        notes = doubts(to_flight(log.assign(time_s=time_s + begins_s)))
+        assert any("if these are milliseconds" in note for note in notes) == doubted
 
 
 def test_an_inverse_says_where_the_log_leaps_in_its_own_times():

@@ -1038,7 +1038,7 @@ def test_rows_that_get_no_value_because_the_reading_is_held_are_counted():
     time_s, unknown = np.arange(1000.0), np.full(1000, np.nan)
     air = -30.0 - 25.0 * np.sin(time_s / 400.0) + 0.02 * np.random.default_rng(2).standard_normal(1000)
     jumping = np.where((time_s >= 400) & (time_s < 560), -90.0, np.maximum(air, -50.0))
-    for reading, why in ((np.maximum(air, -50.0), "held at -50"), (jumping, "implausible, at -90")):
+    for reading, why in ((np.maximum(air, -50.0), "held at -50"), (jumping, "implausible, such as -90")):
         done = correct(Flight(time_s, reading, *4 * [unknown]), PROFILE)
         said = [note for note in done.notes if "without a value" in note and f"the reading is {why}" in note]
         assert len(said) == 1 and int(re.search(r"\d+ rows", said[0])[0].split()[0]) > 80
