@@ -39,7 +39,8 @@ class Damage:
     """How much of a log can be read.
 
     `rows` in all; those that are `damaged` (too short, or text where a number belongs); those that are `lost` (their
-    time, temperature or humidity is what is damaged); and where each of the two begins.
+    time, temperature or humidity is what is damaged); where each of the two begins; and the names of the columns that
+    hold text in rows which have all their cells, where nothing else is damaged.
     """
 
     rows: int
@@ -47,15 +48,19 @@ class Damage:
     first_damaged: str
     lost: int
     first_lost: str
+    columns: tuple[str, ...]
 
 
 def look_over(path: Path, layout: FlightColumns) -> Damage:
     """Count the rows that cannot be read as numbers. An empty cell and what loggers write for one is no damage."""
     named = 1 + max((place for place, name in enumerate(layout.header) if name), default=0)
-    count, firsts, total = [0, 0], ["", ""], 0
+    count, firsts, total, short = [0, 0], ["", ""], 0, False
+    of_text: dict[str, None] = {}
     for rows in read_blocks(path, layout, BLOCK_ROWS):
         texts = {quantity: _text_cells(rows, layout, quantity) for quantity in layout.place}
         damaged = np.logical_or.reduce([rows.size < named, *texts.values()])
+        short |= bool((rows.size < named).any())
+        of_text |= {layout.header[layout.place[quantity]]: None for quantity, text in texts.items() if text.any()}
         lost = np.logical_or.reduce(
             [texts[quantity] | (rows.size <= layout.place[quantity]) for quantity in ESSENTIAL if quantity in texts]
         )
@@ -68,7 +73,7 @@ def look_over(path: Path, layout: FlightColumns) -> Damage:
                 firsts[i] = f"line {rows.line[row]}: {what}"
             count[i] += int(np.count_nonzero(mask))
         total += len(rows)
-    return Damage(total, count[0], firsts[0], count[1], firsts[1])
+    return Damage(total, count[0], firsts[0], count[1], firsts[1], () if short else tuple(of_text))
 
 
 def damage_notes(path: Path, layout: FlightColumns) -> list[str]:
@@ -87,8 +92,10 @@ def damage_notes(path: Path, layout: FlightColumns) -> list[str]:
         )
     if not damage.damaged:
         return []
-    how_many = f"{damage.damaged} of {damage.rows} rows could not be read as numbers throughout"
-    return [f"{how_many} and are treated as missing there (first: {damage.first_damaged})"]
+    how_many, where = f"{damage.damaged} of {damage.rows} rows could not be read as numbers", "throughout"
+    if not damage.lost and damage.columns:  # of no reading: nothing but what stands in these is amiss
+        where = f"in {', '.join(map(repr, damage.columns))}"
+    return [f"{how_many} {where} and are treated as missing there (first: {damage.first_damaged})"]
 
 
 def unrecognised(quantity: str, maybe: Sequence[str] = ()) -> str:
