@@ -24,6 +24,7 @@ from shockrig.files.errors import InputError
 from shockrig.files.flight_intermet import clock_of
 from shockrig.files.flight_known import KnownLog, day_of, known_log
 from shockrig.files.readings_figure import Against, plot_readings
+from shockrig.files.sentinels import NO_VALUE_WORDS
 from shockrig.files.unit_names import (
     UNITS,
     UnitError,
@@ -81,7 +82,7 @@ NAMES: dict[str, tuple[str, ...]] = {
     "longitude": ("longitudedeg", "longitude", "lon", "lng", "xqimetxqlongitude", "gpslongitude"),
     "altitude": (
         "altitudem", "altitude", "xqimetxqaltitude", "alt", "height", "altagl", "altmsl", "altitudeasl", "altitudeagl",
-        "altitudemsl", "z", "gpsaltitude",
+        "altitudemsl", "z", "gpsaltitude", "gpsalt", "altgps",
     ),
     "vertical_speed": (
         "verticalspeedms", "verticalspeed", "risespeedms", "risespeed", "climbratems", "climbrate", "vspeed",
@@ -302,7 +303,7 @@ def read_layout(path: Path, chosen: Mapping[str, str] | None = None) -> FlightCo
             f"{shown(path)}, line 1: column {taken[0]!r} is there already; give the log as it was before correction"
         )
     log = known_log(header)
-    place = _places(path, header, chosen, log)
+    place, emptied = _filled_places(path, header, chosen, log)
     if log is not None:
         begins_s, dated = _first_row(path, place["time"])
         return FlightColumns(
@@ -325,7 +326,7 @@ def read_layout(path: Path, chosen: Mapping[str, str] | None = None) -> FlightCo
     if converted := [f"{quantity} {header[place[quantity]]!r} is in {unit}" for quantity, unit in named]:
         said = "; ".join([*([said] if said else []), f"{', '.join(converted)}, and converted"])
     several = [one for one in ("temperature", "humidity") if one in place and one not in chosen]
-    said = "; ".join(filter(None, [said, *(_one_of(one, header, place) for one in several)]))
+    said = "; ".join(filter(None, [said, *emptied, *(_one_of(one, header, place) for one in several)]))
     return FlightColumns(tuple(header), place, str(path), date, zero_is_missing=intermet, said=said, units=units)
 
 
@@ -416,6 +417,52 @@ def _header(path: Path) -> list[str]:
     if not header:
         raise InputError(f"{shown(path)}: the file is empty; give a CSV file with a header line")
     return header
+
+
+def _filled_places(
+    path: Path, header: list[str], chosen: Mapping[str, str], log: KnownLog | None
+) -> tuple[dict[str, int], list[str]]:
+    """Which column holds which quantity (`_places`), of several by name the first that holds anything at all; and a
+    sentence for each that does not."""
+    place = _places(path, header, chosen, log)
+    said: list[str] = []
+    for quantity, first in list(place.items()) if log is None else []:
+        if quantity == "time" or quantity in chosen:
+            continue
+        names, at = list(header), first
+        while True:
+            names[at] = ""
+            other = _another(path, names, chosen, quantity, place)
+            if other is None and at == first or not _is_empty(path, at):
+                break
+            if other is None:
+                at = first
+                break
+            at = other
+        if at != first:
+            place[quantity] = at
+            said.append(f"{quantity} {header[first]!r} is empty, and {header[at]!r} is taken")
+    return place, said
+
+
+def _another(
+    path: Path, names: list[str], chosen: Mapping[str, str], quantity: str, place: Mapping[str, int]
+) -> int | None:
+    """The column that would be a quantity's under these names; None where none would that is nothing else's."""
+    try:
+        other = _places(path, names, chosen, None).get(quantity)
+    except InputError:  # it was the last one that a log cannot be without
+        return None
+    return None if other in place.values() else other
+
+
+def _is_empty(path: Path, place: int) -> bool:
+    """Whether a column holds nothing in any row."""
+    nothing = (*NO_VALUE_WORDS, "nan")
+    with open_text(path, REMEDY, errors="replace") as stream, suppress(csv.Error):  # said where rows are read
+        rows = islice(csv.reader(without_nul(stream)), 1, None)
+        return all(place >= len(row) or row[place].strip().lower() in nothing for row in rows)
+    return False
 
 
 def _places(path: Path, header: list[str], chosen: Mapping[str, str], log: KnownLog | None) -> dict[str, int]:

@@ -227,6 +227,21 @@ def test_of_several_temperatures_the_airs_is_taken_and_the_others_are_named(
         assert status == 0 and "is taken, and not" not in said
 
 
+def test_of_two_altitudes_the_one_that_is_not_empty_is_taken(tmp_path, capsys):
+    """The result had no altitude, without a word."""
+    rows = [f"{s},{20 + 0.1 * np.sin(s / 9):.2f},,NaN,{5 * s}" for s in range(60)]
+    text = "\n".join(["time,temperature,altitude,alt,gpsalt", *rows]) + "\n"
+    status, said = run(tmp_path, capsys, text)
+    assert status == 0 and "altitude 'altitude' is empty, and 'gpsalt' is taken" in said
+    place = read_layout(tmp_path / "log.csv").place
+    assert place["altitude"] == 4 and place["temperature"] == 1
+    status, said = run(tmp_path, capsys, text.replace(",,NaN", ",3,NaN"))
+    assert status == 0 and "is empty" not in said
+    assert read_layout(tmp_path / "log.csv").place["altitude"] == 2
+    (tmp_path / "log.csv").write_text(text.replace("gpsalt", "other"))
+    assert read_layout(tmp_path / "log.csv").place["altitude"] == 2  # of none that is full the first
+
+
 def test_lines_of_another_layout_that_cannot_be_read_are_said(tmp_path, capsys):
     rows = [f"{s};{20 + 0.1 * np.sin(s / 9):.2f}" for s in range(60)]
     rows[30] = "30;20.1;1;2"
