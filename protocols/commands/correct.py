@@ -153,7 +153,7 @@ def _said(args: argparse.Namespace, written: Path, done: Summary, drawn: FlightG
 
 def main(args: argparse.Namespace) -> int:
     """Correct the flight and print what was done."""
-    from shockrig.analysis.flight.comparisons import PARTED, Layers
+    from shockrig.analysis.flight.comparisons import USE_READINGS, Layers
     from shockrig.analysis.flight.doubts import profile_doubts
     from shockrig.analysis.flight.stream import correct_file
     from shockrig.analysis.report.corrected_page import FlightGathered
@@ -201,7 +201,7 @@ def main(args: argparse.Namespace) -> int:
     done = replace(done, notes=(*read_how, *done.notes))
     done = replace(done, notes=(*done.notes, *offered(done.notes, args.flight, args.profile)))
     notes = [note for note in done.notes if note not in doubted]
-    for note in (parted := [note for note in notes if PARTED in note]):
+    for note in (first := [note for note in notes if USE_READINGS in note]):
         print(f"note: {note}", file=sys.stderr, flush=True)
     if as_figure:
         write_figure(args.out, drawn)
@@ -211,7 +211,7 @@ def main(args: argparse.Namespace) -> int:
         print(f"report: {page}")
     if "data" in profile.provenance:
         print(f"note: the profile is not of real sensors: {profile.provenance['data']}", file=sys.stderr)
-    for note in [note for note in notes if note not in parted]:
+    for note in [note for note in notes if note not in first]:
         print(f"note: {note}", file=sys.stderr)
     return 0
 

@@ -12,6 +12,7 @@ from scipy.special import ndtr
 from shockrig.analysis.flight.air_prior import OU_VARIANCES, RATES_PER_S, Prior, fit_prior, fit_windows, seen, spectra
 from shockrig.analysis.flight.comparisons import (
     PARTED,
+    USE_READINGS,
     Difference,
     LikelyCause,
     as_humidity,
@@ -38,6 +39,7 @@ from shockrig.analysis.physics.air_exchange import Stream
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.flight import Flight
 from shockrig.files.legs import ways
+from shockrig.files.profile import Uncertain
 
 PROFILE = typical_profile()
 
@@ -502,6 +504,20 @@ def test_that_the_ways_part_is_said_first_where_turbulence_explains_it_too():
     assert both.corrected > 1.02 * both.read
     compared(flight, bead, off, notes)
     assert PARTED in notes[0] and "unless the air itself changed" in notes[0]
+
+
+@pytest.mark.parametrize(("times", "said"), [(1.0, 0), (30.0, 1)])
+def test_a_course_that_scatters_far_more_than_it_was_read_is_said_first(times, said):
+    """A profile thirty times as slow as the sensors: readings of 2.6 %RH rms became 7.7, and nothing said so."""
+    log = to_flight(fly(convective(np.random.default_rng(3), duration_s=120.0), PROFILE, 3).log)
+    noise = 0.3 * np.random.default_rng(1).standard_normal(log.time_s.size)
+    alpha, part = PROFILE.temperature.thermal_diffusivity_m2_s, PROFILE.temperature
+    slow = Uncertain(alpha.value / times, alpha.standard_uncertainty / times)
+    slow = dataclasses.replace(part, thermal_diffusivity_m2_s=slow, response_time_s=None)
+    noisy = dataclasses.replace(log, temperature_c=log.temperature_c + noise * said)
+    notes = correct(noisy, dataclasses.replace(PROFILE, temperature=slow)).notes
+    assert sum(note.startswith("temperature: the corrected course scatters by") for note in notes[:1]) == said
+    assert sum("the corrected course scatters" in note and USE_READINGS in note for note in notes) == said
 
 
 def test_a_lag_that_parts_the_ways_is_said_first_though_it_is_owned():
