@@ -668,6 +668,7 @@ def _slope(x: Array, y: Array) -> tuple[float, float]:
 # The hygrometer's own thermometer, slow as it is: it follows the air, and tells whose moves were the air's.
 
 SHORTEST_S, LONGEST_S = 0.1, 120.0  # of a lag
+SELDOM_SHARE = 0.5  # of the rows from the first to the last of its own moves, in which a thermometer makes any
 COVERED_S = 10.0  # by which a thermometer may lag that ice or drops cover, or that stands in still air
 SETTLED_LAGS, SETTLED_SHARE = 3.0, 0.3  # that the first rows are left out for: of the lag, and of the flight at most
 
@@ -727,9 +728,12 @@ def seen_by_film(
     # it was right before the first of these moves, or is behind the last, or between: nothing tells which; and what
     # moved it comes and goes, the going maybe too slowly to show, so that no sum of moves is what it is off by
     off = np.minimum(np.maximum(np.abs(alone), np.abs(alone - alone[-1])), film.most_alone_k)
+    # what is over the whole of a flight, but seldom, is not to be read as if it lasted
+    all_rows = int(moved[-1] - moved[0]) + 1
+    seldom = f"in {moved.size} of the {all_rows} rows " if moved.size < SELDOM_SHARE * all_rows else ""
     said = (
-        f"temperature: between {moment(first)} and {moment(last)} it moves by up to {off.max():.2g} K without the "
-        "humidity, which follows the air's at once: "
+        f"temperature: {seldom}between {moment(first)} and {moment(last)} it moves by up to {off.max():.2g} K without "
+        "the humidity, which follows the air's at once: "
     )
     with_them, without = following(flight, air), following(flight, air - alone)
     # what the humidity is off by if the air did move

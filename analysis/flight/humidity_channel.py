@@ -456,7 +456,7 @@ def _alone(
         alone, most_k = alone + found, max(most_k, _largest_move(found))
     if believed.any():
         read = np.interp(time_s, time_s[believed], np.maximum(plain.reading[believed], LEAST_PERCENT))
-        found = swings(read, possible_air(then - alone), believed, typical_period(time_s))
+        found = swings(read, possible_air(then - alone), believed, typical_period(time_s), own_noise)
         alone, most_k = alone + found, max(most_k, float(found.max()))
     return _earlier(time_s, alone, -plain.delay_s), most_k
 

@@ -28,7 +28,7 @@ LINE_BINS = 3  # that a line takes of them
 TOLD_LOG_ODDS = 3.0  # one in twenty
 
 
-def swings(humidity: Array, temperature_c: Array, read: Mask, period_s: float) -> Array:
+def swings(humidity: Array, temperature_c: Array, read: Mask, period_s: float, noise: float = 0.0) -> Array:
     """How far (n,) the temperature is moved by swings of its own, in K above where they leave it lowest.
 
     Parameters
@@ -39,6 +39,9 @@ def swings(humidity: Array, temperature_c: Array, read: Mask, period_s: float) -
         Rows in which the film was read: what is put between others follows nothing.
     period_s : float
         Between rows.
+    noise : float
+        Of the film's readings, with what they are rounded to [%RH]: what air that swings by less does to them is lost
+        in their steps, and that it does not show there says nothing.
 
     """
     rows = max(int(SHORTEST_S / MEANS_IN_SWING / period_s), 1)
@@ -49,11 +52,11 @@ def swings(humidity: Array, temperature_c: Array, read: Mask, period_s: float) -
     logarithms = np.stack([np.log(saturation_pressure_hpa(temperature_c)), np.log(humidity)])
     means = np.stack([_beside_a_line(one.reshape(count, rows).mean(axis=1)) for one in logarithms[:, : count * rows]])
     both = np.fft.fft(means, 2 * count)  # beyond the ends there is nothing
-    own = np.zeros(count)
+    own, level = np.zeros(count), float(np.median(humidity[read]))
     told: list[float] = []
     for line in _lines(means[0], rows * period_s):
         swing, odds = _apart(both, shown, line)
-        if odds < TOLD_LOG_ODDS:
+        if odds < TOLD_LOG_ODDS or level * float(np.abs(swing).max()) < noise:
             continue
         # what comes once in a circle has overtones, and may be one
         parts = [(line, swing)]

@@ -20,6 +20,7 @@ from shockrig.analysis.flight.comparisons import (
     excess,
     explained,
     of_either,
+    seen_by_film,
     up_and_down,
     ways_apart,
 )
@@ -362,6 +363,21 @@ def test_ways_that_are_hours_apart_say_nothing_of_the_sensor():
     assert found[18000.0][:2] == (False, False)
     assert "minutes apart, in which the air changes by more than a lag does" in found[18000.0][2]
     assert not any(words in found[18000.0][2] for words in ("disagree", "a second lag", "agree best"))
+
+
+def test_moves_that_are_seldom_are_not_said_to_last():
+    """A thermometer's own, at either end of a flight: that had read as if it moved by itself all along."""
+    flight, channel = climbing(0.0)
+    bead = dataclasses.replace(channel, name="temperature", value=flight.temperature_c)
+    for begin, said in (
+        (1700, "temperature: in 200 of the 1700 rows between 10 s and "),
+        (200, "temperature: between"),
+    ):
+        alone = np.interp(np.arange(2000), [100, 200, begin, begin + 100], [0.0, 1.0, 1.0, 0.0])
+        notes = []
+        film = dataclasses.replace(channel, temperature_alone=alone, most_alone_k=1.0)
+        seen_by_film(flight, bead, film, notes, flight.time_s)
+        assert notes[0].startswith(said) and "without the humidity" in notes[0]
 
 
 def test_of_several_flights_in_a_log_ways_of_one_are_compared():

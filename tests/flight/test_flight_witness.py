@@ -215,6 +215,17 @@ def test_sun_once_in_a_circle_is_the_thermometers_own_and_a_wave_is_the_airs():
     assert not swings(np.full(2400, 50.0), np.full(2400, 15.0), read, 0.1).any()
 
 
+def test_a_swing_that_is_lost_in_the_steps_of_the_humidity_is_nobodys():
+    """Air of -40 degC that swings by 0.05 K does nothing to a dry reading in tenths of %RH. Before: it was the sun,
+    from the first row to the last."""
+    time_s, rng = np.arange(4400.0), np.random.default_rng(4)
+    air = -40.0 + 0.05 * np.cos(2.0 * np.pi * time_s / 17.0) + 0.005 * rng.standard_normal(4400)
+    dry = np.round(6.0 * saturation(-40.0) / saturation(air), 1)
+    read = np.ones(4400, dtype=bool)
+    assert swings(dry, air, read, 1.0).any()
+    assert not swings(dry, air, read, 1.0, np.hypot(0.02, 0.1 / np.sqrt(12.0))).any()
+
+
 @pytest.mark.parametrize("gap", [slice(120, 2280), slice(0, 2400)])
 def test_a_film_that_was_hardly_read_says_nothing_of_swings(gap):
     """What stands in the place of its readings follows no temperature."""
