@@ -383,7 +383,7 @@ def _layered(
     """
     if air_c is not None:
         columns = (*columns, air_c)
-    height = _height(flight)
+    height = height_of(flight)
     if height is None:
         return None
     ways = _ways_beside(flight.time_s, height)
@@ -589,7 +589,7 @@ def _warmth(flight: Flight, bead: FlightChannel) -> Array | None:
     return bridged(flight.time_s, np.where(np.isfinite(bead.value), bead.value, read))
 
 
-def _height(flight: Flight) -> Array | None:
+def height_of(flight: Flight) -> Array | None:
     """Of each row, where the log has no altitude that of its pressure in the standard atmosphere; None without
     either."""
     height = None if flight.altitude_m is None else bridged(flight.time_s, flight.altitude_m)

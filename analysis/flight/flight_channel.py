@@ -491,6 +491,7 @@ def _behind_slow_lags(readings: FlightReadings, air: Array) -> Array:
 REMEMBERED_LAGS = 5.0  # of the slowest time constant: what is left of a step is less than its hundredth
 READING_SIGMAS = 4.0  # of a reading's noise at either end
 LEAST_SHARE = 0.05
+BY_CHANCE = 0.05  # of what is believed to be none
 MOST_SHARE = 0.8  # readings are noisy, and a sensor is seldom what its profile says to a fifth
 USUAL_TIMES = 2.0  # the median uncertainty, up to which a method is as certain as usual
 USUAL_NOISES = 3.0  # and up to so many times the reading's noise
@@ -627,6 +628,26 @@ def there_and_back(odd: Array, rows: int) -> list[tuple[slice, slice | None]]:
             heappush(nearest, one)
     lone = ((move, None) for move, one in zip(moves, alone, strict=True) if one)
     return sorted([*found, *lone], key=lambda one: one[0].start)
+
+
+def without_layers(odd: Array, height: Array) -> Array:
+    """Moves that are `odd` (n,), up 1 and down -1, without those that an opposite one answers at the same `height`
+    (n,), from which the carrier had gone away: it came through the edge of a layer again. No sensor knows how high it
+    is; of its own moves the nearest opposite one would be as near once in twenty times, by chance."""
+    rows, found = np.flatnonzero(odd), odd.copy()
+    steps = np.abs(np.diff(height))
+    known_to = float(np.min(steps[steps > 0.0], initial=np.inf))  # no nearer than the log tells heights apart
+    for row in rows.tolist():
+        others = rows[odd[rows] == -odd[row]]
+        if not others.size:
+            continue
+        away = np.abs(height[others] - height[row])
+        nearest = int(others[np.argmin(away)])
+        first, last = sorted((row, nearest))
+        gone = float(np.ptp(height[first : last + 1]))
+        if max(float(away.min()), known_to) * others.size < BY_CHANCE * gone:
+            found[[row, nearest]] = 0.0
+    return found
 
 
 def possible_air(temperature_c: Array) -> Array:

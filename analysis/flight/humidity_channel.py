@@ -14,7 +14,7 @@ from scipy.ndimage import binary_dilation, maximum_filter1d, uniform_filter1d
 
 from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
 from shockrig.analysis.flight.air_prior import Passing
-from shockrig.analysis.flight.comparisons import Told
+from shockrig.analysis.flight.comparisons import Told, height_of
 from shockrig.analysis.flight.doubts import airspeed_doubt
 from shockrig.analysis.flight.flight_channel import (
     REMEMBERED_LAGS,
@@ -31,6 +31,7 @@ from shockrig.analysis.flight.flight_channel import (
     too_few,
     untouched,
     with_own_steps,
+    without_layers,
 )
 from shockrig.analysis.flight.response import LagResponse, film_response, unsure_of_airspeed
 from shockrig.analysis.flight.screen import Screened, resolution_of, screen
@@ -357,6 +358,8 @@ def _through_vapour(
     channel = judged(readings, found, plain, screened, outside, raw, from_vapour, notes, AIR_PERCENT.high)
     memory_s = REMEMBERED_LAGS * response.slowest_s
     broken = _unseen_breaks(time_s, found, film.air_c, doubt.unsure, bead, memory_s) if alike else np.zeros(raw.shape)
+    if (height := height_of(flight)) is not None:
+        broken = without_layers(broken, height)
     left_open = doubt.left_open * from_vapour
     channel = held(channel, readings, raw, from_vapour, notes, AIR_PERCENT, left_open, broken)
     channel = _as_read(channel, raw, doubt.unread & (screened.usable | screened.repeated) & ~channel.raw, notes)

@@ -25,7 +25,7 @@ from shockrig.analysis.flight.comparisons import (
     ways_apart,
 )
 from shockrig.analysis.flight.correct import correct
-from shockrig.analysis.flight.flight_channel import FlightChannel, there_and_back
+from shockrig.analysis.flight.flight_channel import FlightChannel, there_and_back, without_layers
 from shockrig.analysis.flight.likeliest import likeliest
 from shockrig.analysis.flight.response import LagResponse, bead_response
 from shockrig.analysis.flight.screen import Screened
@@ -844,6 +844,21 @@ def test_what_comes_on_and_goes_off_is_one_cause_with_its_nearest_end():
     pairs = [(slice(100, 103), slice(130, 131)), (slice(200, 201), slice(230, 231))]
     assert there_and_back(odd, 10) == [(slice(20, 21), None), *pairs]
     assert there_and_back(np.zeros(5), 10) == []
+
+
+def test_what_comes_and_goes_at_one_height_is_a_layers_edge():
+    """Before: for two hours the air of a real sounding may have been as it was below a cloud's top, by 40 %RH, since
+    its film dried out there at once and was moist again at once where it came down through it."""
+    height = np.concatenate([np.arange(0.0, 1000.0, 5.0), np.arange(1000.0, 0.0, -5.0)])
+    odd = np.zeros(height.size)
+    odd[[60, 340]] = -1.0, 1.0  # at 300 m, on the way up and down
+    assert not without_layers(odd, height).any()
+    odd[120] = 1.0  # at 600 m alone
+    assert np.flatnonzero(without_layers(odd, height)).tolist() == [120]
+    hovering = 50.0 + np.round(0.6 * np.sin(np.arange(height.size)))
+    assert np.array_equal(without_layers(odd, hovering), odd)
+    wandering = 50.0 + np.cumsum(np.random.default_rng(0).normal(0.0, 0.1, height.size))
+    assert np.count_nonzero(without_layers(odd, wandering)) >= 1
 
 
 def test_no_stretch_is_said_to_end_where_it_begins():
