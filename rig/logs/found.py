@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from shockrig.files.disk import shown
 from shockrig.rig.bench_errors import BenchError
+from shockrig.rig.logs.between import Stretch, quiet_around
 from shockrig.rig.logs.changes import ChangePoint, LogPiece
 from shockrig.rig.logs.mapping import LogMap, StepMap
 from shockrig.rig.logs.onset import StepOnset, fit_onset
 from shockrig.rig.logs.sensor_logs import SensorLog
 from shockrig.rig.logs.stamps import to_map, to_seconds
-from shockrig.rig.logs.steps import StepInLog, find_steps, judged
+from shockrig.rig.logs.steps import Cluster, StepInLog, find_steps, groups_of, judged
 
 
 @dataclass(frozen=True)
 class LogStep:
     """A step of a log and what the map says of it (None where it was found); `number` counts the log's from 1.
 
-    `begin_s`, `end_s` and `start_s` are what the map states of the run and its trigger, on the log's clock.
+    `begin_s`, `end_s` and `start_s` are what the map states of the run and its trigger, on the log's clock. `quiet` is,
+    of each sensor that moved, from when to when it shows no other change that is large beside this step and is none.
     """
 
     number: int
@@ -31,6 +33,7 @@ class LogStep:
     begin_s: float | None = None
     end_s: float | None = None
     start_s: float | None = None
+    quiet: Mapping[str, Stretch] = field(default_factory=dict)
 
     def moved(self) -> tuple[str, ...]:
         """The sensors that moved; of a step that the map gives to some sensors, these."""
@@ -57,13 +60,14 @@ def steps_of(sensors: SensorLog, map_: LogMap, several: bool = False) -> tuple[L
     """
     said = _of_this_log(sensors.log.path, map_, several)
     pieces = [sensors.channels(k, map_.least) for k in range(len(sensors.log.pieces))]
+    groups = [groups_of(channels, map_.merge_s) for channels in pieces]
     if not said:
         found = [
             step
             for k, channels in enumerate(pieces)
-            for step in _beside(find_steps(channels, k, map_.merge_s), channels, map_)
+            for step in _beside(find_steps(channels, k, groups[k]), channels, map_)
         ]
-        return tuple(LogStep(n, step) for n, step in enumerate(found, start=1))
+        return _with_quiet([LogStep(n, step) for n, step in enumerate(found, start=1)], pieces, groups)
     placed = sorted((_place(sensors, map_, step) for step in said), key=lambda item: (item[1], item[2]))
     steps = []
     for n, (one, piece, at_s) in enumerate(placed):
@@ -81,12 +85,25 @@ def steps_of(sensors: SensorLog, map_: LogMap, several: bool = False) -> tuple[L
             raise BenchError(
                 f"{where}: from, at and until must follow one another; fix them or leave from and until out"
             )
-        steps.append(LogStep(n + 1, StepInLog(piece, at_s, float(unsure_s), moves), one, *times))
+        steps.append(LogStep(n + 1, StepInLog(piece, at_s, float(unsure_s), moves), one, times[0], times[1], times[2]))
     # What was seen to speak against a step is told where the map does not use it.
-    return tuple(
+    whole = [
         one if one.said is None or one.said.is_used else replace(one, step=_judged(one.step, steps, pieces))
         for one in steps
-    )
+    ]
+    return _with_quiet(whole, pieces, groups)
+
+
+def _with_quiet(
+    steps: Sequence[LogStep], pieces: Sequence[Sequence[LogPiece]], groups: Sequence[Sequence[Sequence[Cluster]]]
+) -> tuple[LogStep, ...]:
+    """Steps, in order of their pieces, with the stretches in which no other change was seen."""
+    quiet = [
+        stretch
+        for k, (channels, seen) in enumerate(zip(pieces, groups, strict=True))
+        for stretch in quiet_around([one.step for one in steps if one.step.piece == k], channels, seen)
+    ]
+    return tuple(replace(one, quiet=stretch) for one, stretch in zip(steps, quiet, strict=True))
 
 
 def _judged(step: StepInLog, steps: Sequence[LogStep], pieces: Sequence[Sequence[LogPiece]]) -> StepInLog:

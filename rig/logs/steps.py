@@ -53,13 +53,26 @@ class StepInLog:
 
 
 @dataclass
-class _Cluster:
+class Cluster:
+    """Changes of several channels that may be one; `time_s` and `width_s` are those of the sharpest."""
+
     time_s: float
     width_s: float
     changes: dict[int, list[ChangePoint]] = field(default_factory=dict)  # channel's place -> its changes
 
 
-def find_steps(channels: Sequence[LogPiece], piece: int, merge_s: float | None = None) -> tuple[StepInLog, ...]:
+def groups_of(channels: Sequence[LogPiece], merge_s: float | None = None) -> list[list[Cluster]]:
+    """The changes of one piece of a log in groups that are a step each, or none; in order of time.
+
+    Changes closer than `merge_s` are one group. Found out from the pauses where it is not given.
+    """
+    clusters = _cluster(channels, [find_changes(channel) for channel in channels])
+    return _with_turns(channels, _merged(channels, clusters, merge_s))
+
+
+def find_steps(
+    channels: Sequence[LogPiece], piece: int, groups: Sequence[Sequence[Cluster]] | None = None
+) -> tuple[StepInLog, ...]:
     """Steps of one piece of a log, in order of time.
 
     Parameters
@@ -67,12 +80,10 @@ def find_steps(channels: Sequence[LogPiece], piece: int, merge_s: float | None =
     channels : sequence of Channel
     piece : int
         The piece's number, which the steps carry.
-    merge_s : float, optional
-        Changes closer than this are one step. Found out from the pauses where it is not given.
+    groups : sequence, optional
+        The piece's `groups_of`, where they are known.
     """
-    changes = [find_changes(channel) for channel in channels]
-    clusters = _cluster(channels, changes)
-    groups = _with_turns(channels, _merged(channels, clusters, merge_s))
+    groups = groups_of(channels) if groups is None else groups
     begins_s = min((float(c.time_s[0]) for c in channels if c.time_s.size), default=0.0)
     ends_s = max((float(c.time_s[-1]) for c in channels if c.time_s.size), default=0.0)
     steps = []
@@ -84,10 +95,10 @@ def find_steps(channels: Sequence[LogPiece], piece: int, merge_s: float | None =
     return tuple(judged(step, steps, k, channels) for k, step in enumerate(steps))
 
 
-def _cluster(channels: Sequence[LogPiece], changes: Sequence[Sequence[ChangePoint]]) -> list[_Cluster]:
+def _cluster(channels: Sequence[LogPiece], changes: Sequence[Sequence[ChangePoint]]) -> list[Cluster]:
     """Changes of different channels that may be one, the sharpest first: they say when."""
     every = sorted((change.width_s, change.time_s, place) for place, those in enumerate(changes) for change in those)
-    clusters: list[_Cluster] = []
+    clusters: list[Cluster] = []
     for width_s, time_s, place in every:
         change = ChangePoint(time_s, width_s)
         near = sorted(clusters, key=lambda cluster: abs(cluster.time_s - time_s))
@@ -100,11 +111,11 @@ def _cluster(channels: Sequence[LogPiece], changes: Sequence[Sequence[ChangePoin
         elif home is not None:
             home.changes[place] = [change]
         else:
-            clusters.append(_Cluster(time_s, width_s, {place: [change]}))
+            clusters.append(Cluster(time_s, width_s, {place: [change]}))
     return sorted(clusters, key=lambda cluster: cluster.time_s)
 
 
-def _may_be_one(cluster: _Cluster, change: ChangePoint, own: Sequence[ChangePoint]) -> bool:
+def _may_be_one(cluster: Cluster, change: ChangePoint, own: Sequence[ChangePoint]) -> bool:
     """Whether the windows of a cluster and of a change overlap; `own` are all the changes of its channel.
 
     A change is seen late, not early, by a slow sensor: behind, the windows may just touch. How late that can be, the
@@ -117,14 +128,14 @@ def _may_be_one(cluster: _Cluster, change: ChangePoint, own: Sequence[ChangePoin
     return -cluster.width_s - change.width_s <= apart_s <= cluster.width_s + 2.0 * late_s
 
 
-def _in_order(cluster: _Cluster, others: Sequence[_Cluster], place: int, time_s: float) -> bool:
+def _in_order(cluster: Cluster, others: Sequence[Cluster], place: int, time_s: float) -> bool:
     """Whether a channel's change in that cluster comes before and after its others as the clusters do: one that a wide
     window showed may be near to a cluster that its own earlier change has passed."""
     own = (c for c in others if place in c.changes)
     return all((time_s - c.changes[place][0].time_s) * (cluster.time_s - c.time_s) > 0 for c in own)
 
 
-def _merged(channels: Sequence[LogPiece], clusters: Sequence[_Cluster], merge_s: float | None) -> list[list[_Cluster]]:
+def _merged(channels: Sequence[LogPiece], clusters: Sequence[Cluster], merge_s: float | None) -> list[list[Cluster]]:
     """Clusters that follow one another in stages put together."""
     if len(clusters) < 2:
         return [[cluster] for cluster in clusters]
@@ -161,10 +172,10 @@ def _merged(channels: Sequence[LogPiece], clusters: Sequence[_Cluster], merge_s:
     return groups
 
 
-def _with_turns(channels: Sequence[LogPiece], groups: Sequence[list[_Cluster]]) -> list[list[_Cluster]]:
+def _with_turns(channels: Sequence[LogPiece], groups: Sequence[list[Cluster]]) -> list[list[Cluster]]:
     """Groups with what is a turn on the way and no step put to the one before: humidity alone, while the same sensor's
     temperature is under way."""
-    kept: list[list[_Cluster]] = []
+    kept: list[list[Cluster]] = []
     for group in groups:
         if kept and _turns(channels, group, kept[-1]):
             kept[-1] = [*kept[-1], *group]
@@ -173,7 +184,7 @@ def _with_turns(channels: Sequence[LogPiece], groups: Sequence[list[_Cluster]]) 
     return kept
 
 
-def _turns(channels: Sequence[LogPiece], group: Sequence[_Cluster], before: Sequence[_Cluster]) -> bool:
+def _turns(channels: Sequence[LogPiece], group: Sequence[Cluster], before: Sequence[Cluster]) -> bool:
     """Whether all that changes in `group` is humidity whose own temperature still follows a change `before`."""
     places = {place for cluster in group for place in cluster.changes}
     if any(channels[place].quantity != "humidity" for place in places):
@@ -186,13 +197,13 @@ def _turns(channels: Sequence[LogPiece], group: Sequence[_Cluster], before: Sequ
     return True
 
 
-def _last_s(group: Sequence[_Cluster]) -> float:
+def _last_s(group: Sequence[Cluster]) -> float:
     return max(change.time_s for cluster in group for those in cluster.changes.values() for change in those)
 
 
 def _steps(
     channels: Sequence[LogPiece],
-    group: Sequence[_Cluster],
+    group: Sequence[Cluster],
     piece: int,
     since_s: float,
     until_s: float,

@@ -23,14 +23,16 @@ def window(sensors: SensorLog, steps: Sequence[LogStep], one: LogStep, map_: Log
     """From where to where a run goes, on the log's clock.
 
     From a settled stretch before the step (of the time since the step before only the second half) until the next step
-    is near, or the sensor has long settled.
+    is near, or the sensor has long settled. So it is of changes that are no steps, but where the air was measured.
     """
     log = sensors.log
     rows = log.pieces[one.step.piece]
     at_s = one.step.at_s
     here = [other.step for other in steps if other.step.piece == one.step.piece]
     begins_s, ends_s = float(log.time_s[rows.start]), float(log.time_s[rows.stop - 1])
-    last_s = max((other.at_s + other.lasted_s for other in here if other.at_s < at_s), default=None)
+    since_s, until_s = (-np.inf, np.inf) if map_.sensors[name].reference else one.quiet.get(name, (-np.inf, np.inf))
+    last_s = max((other.at_s + other.lasted_s for other in here if other.at_s < at_s), default=-np.inf)
+    last_s = max(last_s, since_s)
     following = min((other for other in here if other.at_s > at_s), key=lambda other: other.at_s, default=None)
     readings = sensors.readings[name]
     moments = log.time_s[readings.rows]
@@ -39,8 +41,8 @@ def window(sensors: SensorLog, steps: Sequence[LogStep], one: LogStep, map_: Log
     lead = LEAD_T63_MEASURED if map_.sensors[name].reference else LEAD_T63
     lead_s = map_.before_s if map_.before_s is not None else max(LEAD_READINGS * period_s, lead * t63_s)
     tail_s = map_.after_s if map_.after_s is not None else max(TAIL_READINGS * period_s, TAIL_T63 * t63_s)
-    begin_s = max(at_s - lead_s, begins_s if last_s is None else last_s + 0.5 * (at_s - last_s))
-    end_s = min(at_s + tail_s, ends_s)
+    begin_s = max(at_s - lead_s, begins_s if np.isinf(last_s) else last_s + 0.5 * (at_s - last_s))
+    end_s = min(at_s + tail_s, ends_s, until_s)
     if following is not None:
         # A slow change whose start nobody can tell leaves the run before it half of the way at least.
         near_s = following.at_s - max(2.0 * following.uncertainty_s, 2.0 * period_s)
