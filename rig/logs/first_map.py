@@ -278,7 +278,8 @@ def _step_text(sensors: SensorLog, one: LogStep, in_pieces: bool) -> str:
 def said_of(move: StepOnset) -> str:
     """One line on what a channel did at a step."""
     unit = UNIT_SHOWN[move.quantity]
-    return f"{move.channel}: {move.before:.4g} to {move.after:.4g} {unit}, 63 % after {short(move.t63_s, 3)} s"
+    when = f"within {short(move.row_s, 3)} s" if move.row_s else f"after {short(move.t63_s, 3)} s"
+    return f"{move.channel}: {move.before:.4g} to {move.after:.4g} {unit}, 63 % {when}"
 
 
 def _shorter(text: str) -> str:

@@ -32,7 +32,8 @@ GOOD_FIT = 0.015  # rms of what the lags leave, as a share of the readings' rang
 @dataclass(frozen=True)
 class StepOnset:
     """What one channel did at a step: when it began (s on the log's clock, one standard uncertainty), from which level
-    to which, and the time to 63 % of that."""
+    to which, and the time to 63 % of that; `row_s` is how far the two readings are apart between which all of it lies,
+    0 where others lie on the way."""
 
     channel: str
     quantity: str
@@ -41,6 +42,7 @@ class StepOnset:
     before: float
     after: float
     t63_s: float
+    row_s: float = 0.0
 
     @property
     def size(self) -> float:
@@ -96,9 +98,19 @@ def fit_onset(channel: LogPiece, change: ChangePoint, since_s: float, until_s: f
         reach_s *= 0.5
     low, high = max(low, at_s - 4.0 * spread_s - period), min(high, at_s + 4.0 * spread_s + period)
     at_s, spread_s, _ = _posterior(moments, readings, np.linspace(low, high, STARTS), lags_s, noise)
-    t63_s = max(_reached(later_s, later, before, after, 1.0 - np.exp(-1.0), until_s) - at_s, 0.0)
+    reached_s = _reached(later_s, later, before, after, 1.0 - np.exp(-1.0), until_s)
+    t63_s = max(reached_s - at_s, 0.0)
     uncertainty_s = float(np.hypot(np.hypot(spread_s, HIDDEN_SHARE * t63_s), 0.1 * period))
-    return StepOnset(channel.name, channel.quantity, at_s, uncertainty_s, before, after, t63_s)
+    row_s = row_between(channel, at_s, reached_s)
+    return StepOnset(channel.name, channel.quantity, at_s, uncertainty_s, before, after, t63_s, row_s)
+
+
+def row_between(channel: LogPiece, begin_s: float, end_s: float) -> float:
+    """How far the readings before `end_s` and from it on are apart; 0 where one lies between `begin_s` and it."""
+    place = int(np.searchsorted(channel.time_s, end_s))
+    if not 0 < place < channel.time_s.size or channel.time_s[place - 1] > begin_s:
+        return 0.0
+    return float(channel.time_s[place] - channel.time_s[place - 1])
 
 
 def _around(channel: LogPiece, change: ChangePoint, since_s: float, reach_s: float) -> tuple[Array, Array]:

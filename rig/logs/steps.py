@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from shockrig.files.numbers import short
 from shockrig.files.sentinels import LEAST_COURSE
 from shockrig.rig.logs.changes import ChangePoint, LogPiece, find_changes
-from shockrig.rig.logs.onset import StepOnset, fit_onset
+from shockrig.rig.logs.onset import HIDDEN_SHARE, StepOnset, fit_onset, row_between
 from shockrig.rig.logs.stages import count_stages, first_stage
 from shockrig.rig.logs.turns import on_its_way, own_temperature, turn_s
 
@@ -283,8 +283,14 @@ def judged(step: StepInLog, steps: Sequence[StepInLog], k: int, channels: Sequen
     ends_s = max(float(c.time_s[-1]) for c in moved)
     before = max(int(((c.time_s > since_s) & (c.time_s < step.at_s)).sum()) for c in moved)
     after = max(int(((c.time_s > step.at_s) & (c.time_s < until_s)).sum()) for c in moved)
+    of_channel = {channel.name: channel for channel in moved}
+    holes_s = [_hole_s(of_channel[move.channel], move) for move in step.moves]
     why = ""
-    if step.stages >= MANY_STAGES:
+    if min(holes_s) > 0.0:
+        why = (
+            f"no readings for {short(min(holes_s), 3)} s on its way: neither when it began nor how fast it was is told"
+        )
+    elif step.stages >= MANY_STAGES:
         why = f"came in {step.stages} stages over {short(step.lasted_s, 3)} s: the air itself took that long"
     elif all(move.t63_s > RAMP_SHARE * (min(until_s, ends_s) - move.at_s) for move in step.moves):
         why = "did not slow down until the next step or the end: a ramp, or too short a stretch to tell"
@@ -293,3 +299,9 @@ def judged(step: StepInLog, steps: Sequence[StepInLog], k: int, channels: Sequen
     elif after < READINGS_AFTER:
         why = f"only {after} readings after it"
     return replace(step, why_not=why)
+
+
+def _hole_s(channel: LogPiece, move: StepOnset) -> float:
+    """How long no reading came while a move went its way to 63 %, where that hides a change of its own; else 0."""
+    row_s = row_between(channel, move.at_s + HIDDEN_SHARE * move.t63_s, move.at_s + move.t63_s)
+    return row_s if row_s > FEW_READINGS * channel.period_s else 0.0

@@ -12,7 +12,7 @@ from shockrig.files.campaign import read_campaign
 from shockrig.protocols.cli import main
 from shockrig.rig.logs import steps
 from shockrig.rig.logs.changes import ChangePoint, LogPiece, noise_of, without_spikes
-from shockrig.rig.logs.first_map import look_at
+from shockrig.rig.logs.first_map import look_at, said_of
 from shockrig.rig.logs.onset import fit_onset
 from shockrig.rig.logs.sensor_logs import LEAST_SHARE
 from shockrig.rig.logs.steps import find_steps
@@ -173,6 +173,19 @@ def test_a_plunge_into_a_bath_that_warms_up_again():
         assert [step.why_not for step in plunges] == [""], seed
         assert plunges[0].moves[0].after == pytest.approx(2.6, abs=0.5)
         assert plunges[0].uncertainty_s < 0.3 * t63_s + 1.2
+
+
+@pytest.mark.parametrize(("hole", "told"), [(3, True), (50, False)])
+def test_a_step_in_a_hole_of_the_log_is_seen_and_not_used(hole, told):
+    """Nobody knows when in it the step began, nor whether it was one; as long a way would have been its time to 63 %.
+    A few lost readings leave it timed to the distance of those that are there."""
+    time_s = np.arange(0.0, 3000.0, 5.0)
+    value = 140.0 - 110.0 * lag(time_s - 1003.0, 8.0) + np.random.default_rng(4).normal(0.0, 0.2, time_s.size)
+    there = (time_s <= 1000.0) | (time_s > 1000.0 + 5.0 * hole)
+    (step,) = find_steps([channel_of(time_s[there], value[there], "temperature")], 0)
+    assert (step.why_not == "") == told
+    assert told or f"no readings for {5 * (hole + 1)} s" in step.why_not
+    assert f"63 % within {5 * (hole + 1)} s" in said_of(step.moves[0])
 
 
 def test_a_sharp_step_on_a_ramp_is_timed_and_sized_as_without_it():
