@@ -25,6 +25,7 @@ LAG_RATIOS = (0.0, 0.05, 0.15, 0.4, 0.99)  # of the second time constant to the 
 # A body that is warmed from its surface hides the start of it: the core of a sphere shows 1 % of the step only after a
 # fifth of its t63 (Carslaw and Jaeger 1959, eq. 9.3(5)), and is timed late by as much. Which body it is is not known.
 HIDDEN_SHARE = 0.2
+SETTLED_T63 = 3.0  # times to 63 % that a lag takes to 95 %
 LEAST_EXPONENT = -700.0  # of an exponent: what is left is nothing, and numbers that underflow take four times as long
 GOOD_FIT = 0.015  # rms of what the lags leave, as a share of the readings' range
 
@@ -33,7 +34,8 @@ GOOD_FIT = 0.015  # rms of what the lags leave, as a share of the readings' rang
 class StepOnset:
     """What one channel did at a step: when it began (s on the log's clock, one standard uncertainty), from which level
     to which, and the time to 63 % of that; `row_s` is how far the two readings are apart between which all of it lies,
-    0 where others lie on the way."""
+    0 where others lie on the way. `beyond` is how far readings went beyond both levels until it had settled.
+    """
 
     channel: str
     quantity: str
@@ -43,6 +45,7 @@ class StepOnset:
     after: float
     t63_s: float
     row_s: float = 0.0
+    beyond: float = 0.0
 
     @property
     def size(self) -> float:
@@ -102,7 +105,9 @@ def fit_onset(channel: LogPiece, change: ChangePoint, since_s: float, until_s: f
     t63_s = max(reached_s - at_s, 0.0)
     uncertainty_s = float(np.hypot(np.hypot(spread_s, HIDDEN_SHARE * t63_s), 0.1 * period))
     row_s = row_between(channel, at_s, reached_s)
-    return StepOnset(channel.name, channel.quantity, at_s, uncertainty_s, before, after, t63_s, row_s)
+    way = later[(later_s >= at_s) & (later_s <= at_s + SETTLED_T63 * t63_s)]  # without a drift that was taken off
+    beyond = float(np.abs(way - np.clip(way, min(before, after), max(before, after))).max(initial=0.0))
+    return StepOnset(channel.name, channel.quantity, at_s, uncertainty_s, before, after, t63_s, row_s, beyond)
 
 
 def row_between(channel: LogPiece, begin_s: float, end_s: float) -> float:

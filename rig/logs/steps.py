@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from shockrig.files.numbers import short
 from shockrig.files.sentinels import LEAST_COURSE
 from shockrig.rig.logs.changes import ChangePoint, LogPiece, find_changes
-from shockrig.rig.logs.onset import HIDDEN_SHARE, StepOnset, fit_onset, row_between
+from shockrig.rig.logs.onset import HIDDEN_SHARE, SETTLED_T63, StepOnset, fit_onset, row_between
 from shockrig.rig.logs.stages import count_stages, first_stage
 from shockrig.rig.logs.turns import on_its_way, own_temperature, turn_s
 
@@ -39,7 +39,7 @@ class StepInLog:
 
     `why_not` says why it makes no run of its own; empty where it does. `stages` is the number of stages it came in,
     `lasted_s` how long these took. `beside` are the sensors that moved because their reference did, and show no change
-    of their own.
+    of their own. `next_s` is when the next change of whatever kind was seen.
     """
 
     piece: int
@@ -50,6 +50,7 @@ class StepInLog:
     lasted_s: float = 0.0
     why_not: str = ""
     beside: tuple[str, ...] = ()
+    next_s: float = np.inf
 
 
 @dataclass
@@ -90,7 +91,8 @@ def find_steps(
     for k, group in enumerate(groups):
         since_s = _last_s(groups[k - 1]) if k else begins_s
         until_s = groups[k + 1][0].time_s if k + 1 < len(groups) else ends_s
-        steps += _steps(channels, group, piece, since_s, until_s)
+        next_s = until_s if k + 1 < len(groups) else np.inf
+        steps += [replace(step, next_s=next_s) for step in _steps(channels, group, piece, since_s, until_s)]
     steps.sort(key=lambda step: step.at_s)  # stages are timed by their first, which others may have followed
     return tuple(judged(step, steps, k, channels) for k, step in enumerate(steps))
 
@@ -252,11 +254,13 @@ def _steps(
 
 
 def _stands_out(channel: LogPiece, move: StepOnset, width_s: float, since_s: float, until_s: float) -> bool:
-    """Whether a channel went to another level, stayed there, and was faster on its way than before it."""
+    """Whether a channel went to another level and no farther, stayed there, and was faster on its way than before."""
     if abs(move.size) < 0.5 * channel.least:
         return False
     time_s, value = channel.time_s, channel.value
-    settled_s = move.at_s + 3.0 * move.t63_s
+    settled_s = move.at_s + SETTLED_T63 * move.t63_s
+    if move.beyond > abs(move.size):  # a pulse: what it did between is more than what is left of it
+        return False
     judged_s = settled_s + max(STAYS_T63 * move.t63_s, STAYS_READINGS * channel.period_s)
     later = value[(time_s > settled_s) & (time_s <= min(judged_s, until_s))]
     if later.size and (np.abs(later - move.before) < np.abs(later - move.after)).mean() > RETURNED_SHARE:
@@ -292,8 +296,8 @@ def judged(step: StepInLog, steps: Sequence[StepInLog], k: int, channels: Sequen
         )
     elif step.stages >= MANY_STAGES:
         why = f"came in {step.stages} stages over {short(step.lasted_s, 3)} s: the air itself took that long"
-    elif all(move.t63_s > RAMP_SHARE * (min(until_s, ends_s) - move.at_s) for move in step.moves):
-        why = "did not slow down until the next step or the end: a ramp, or too short a stretch to tell"
+    elif all(move.t63_s > RAMP_SHARE * (min(until_s, step.next_s, ends_s) - move.at_s) for move in step.moves):
+        why = "did not slow down until the next change or the end: a ramp, or too short a stretch to tell"
     elif before < READINGS_BEFORE:
         why = f"only {before} readings before it: no level to start from"
     elif after < READINGS_AFTER:

@@ -175,6 +175,26 @@ def test_a_plunge_into_a_bath_that_warms_up_again():
         assert plunges[0].uncertainty_s < 0.3 * t63_s + 1.2
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_pulse_is_no_step_between_the_levels_on_either_side(seed):
+    """A hand held before an infrared thermometer for two seconds, and what it is pointed at then is 1.5 K colder."""
+    random = np.random.default_rng(seed)
+    time_s = np.arange(0.0, 60.0, 0.5)
+    value = 24.0 + 10.0 * lag(time_s - 20.1, 0.5) - 11.5 * lag(time_s - 22.3, 0.5)
+    value += random.normal(0.0, 0.1, time_s.size)
+    assert find_steps([channel_of(time_s, value, "temperature")], 0) == ()
+
+
+def test_a_level_that_was_read_before_the_next_change_is_no_level_where_it_was_on_its_way():
+    """The change that ended it may make no step, as a pulse: it still hides where the way before it would have led."""
+    time_s = np.arange(0.0, 400.0, 1.0)
+    value = 20.0 + 30.0 * lag(time_s - 100.0, 60.0)
+    value += 25.0 * (lag(time_s - 140.0, 2.0) - lag(time_s - 145.0, 2.0))
+    value += np.random.default_rng(0).normal(0.0, 0.05, time_s.size)
+    step = find_steps([channel_of(time_s, value, "temperature")], 0)[0]
+    assert abs(step.at_s - 100.0) < 5.0 and "a ramp" in step.why_not
+
+
 @pytest.mark.parametrize(("hole", "told"), [(3, True), (50, False)])
 def test_a_step_in_a_hole_of_the_log_is_seen_and_not_used(hole, told):
     """Nobody knows when in it the step began, nor whether it was one; as long a way would have been its time to 63 %.
