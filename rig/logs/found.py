@@ -75,7 +75,11 @@ def steps_of(sensors: SensorLog, map_: LogMap, several: bool = False) -> tuple[L
         others = [other_s for _, other, other_s in placed if other == piece]
         since_s = max((s for s in others if s < at_s), default=-np.inf)
         until_s = min((s for s in others if s > at_s), default=np.inf)
-        moves = _moves(pieces[piece], at_s, one.uncertainty_s, since_s, until_s)
+        # What others did meanwhile is no answer to a step that a person gives to some sensors.
+        theirs = [
+            channel for channel in pieces[piece] if not one.sensors or channel.name.rsplit(".", 1)[0] in one.sensors
+        ]
+        moves = _moves(theirs, at_s, one.uncertainty_s, since_s, until_s)
         unsure_s = one.uncertainty_s if one.uncertainty_s is not None else sensors.log.period_s / np.sqrt(12.0)
         times = [
             None if value is None else _on_clock(sensors, value, f"{where}.{key}")

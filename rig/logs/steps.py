@@ -270,9 +270,15 @@ def _stands_out(channel: LogPiece, move: StepOnset, width_s: float, since_s: flo
     rested_s = since_s + 0.5 * (move.at_s - since_s) if since_s > time_s[0] else since_s
     begin_s = max(last_s - lead_s, rested_s)
     before = (time_s >= begin_s) & (time_s < last_s)
+    nobody_can_tell = before.sum() < FEW_READINGS
+    if nobody_can_tell:  # when it began: then half of what surely lies before it shows whether it only went on
+        before = (time_s >= since_s + 0.5 * (last_s - since_s)) & (time_s < last_s)
     if before.sum() < FEW_READINGS:
         return True
-    slope = np.polyfit(time_s[before] - move.at_s, value[before], 1)[0]
+    line, covariance = np.polyfit(time_s[before] - move.at_s, value[before], 1, cov=True)
+    slope = float(line[0])
+    if nobody_can_tell and slope * move.size < 2.0 * np.sqrt(covariance[0, 0]) * abs(move.size):
+        return True
     # Turned round at once: carried back before it had settled. Waves turn as slowly as they go.
     if slope * move.size < 0 and width_s <= min(AT_ONCE * move.t63_s, AT_ONCE_READINGS * channel.period_s):
         return True

@@ -180,6 +180,15 @@ def test_a_sensor_too_slow_for_a_change_of_its_own_follows_the_air_beside_it(tmp
     assert "the map gives it to air alone: name probe in its sensors too, or delete" in capsys.readouterr().err
 
 
+def test_only_what_the_sensors_of_a_step_did_is_told(tmp_path, capsys):
+    log = two_sensors(tmp_path)
+    step = f'[[step]]\nat = {LOG.steps_s[0]}\nsensors = ["fast"]\n'
+    map_ = written(tmp_path / "map.toml", TWO.replace("{reference}", "") + step)
+    assert run(log, "--map", map_, "--out", tmp_path / "c") == 0
+    said = capsys.readouterr().out
+    assert "fast.temperature: " in said and "slow.temperature: " not in said
+
+
 BESIDE = '[sensor.air]\ntemperature = "chamber_temp"\n[sensor.probe]\ntemperature = "probe_temp"\nreference = "air"\n'
 
 

@@ -195,6 +195,19 @@ def test_a_level_that_was_read_before_the_next_change_is_no_level_where_it_was_o
     assert abs(step.at_s - 100.0) < 5.0 and "a ramp" in step.why_not
 
 
+def test_a_creep_that_goes_on_is_no_step_behind_a_dip(monkeypatch):
+    """A heated block creeps on for an hour after its step, and one of its sensors dips by half a kelvin meanwhile: when
+    the creep would have begun nobody can tell, and before that it was as fast."""
+    time_s = np.arange(0.0, 5000.0, 2.0)
+    creep = np.interp(time_s, [550.0, 1390.0, 1410.0, 1900.0, 3800.0, 5000.0], [0.0, 0.75, 0.2, 0.3, 1.4, 1.65])
+    value = 25.5 + 10.9 * lag(time_s - 150.0, 170.0) + creep
+    value = np.round((value + np.random.default_rng(0).normal(0.0, 0.03, time_s.size)) / 0.0625) * 0.0625
+    seen = (ChangePoint(155.0, 40.0), ChangePoint(2303.0, 1280.0))
+    monkeypatch.setattr(steps, "find_changes", lambda channel: seen)
+    found = find_steps([channel_of(time_s, value, "temperature")], 0)
+    assert [step.at_s for step in found] == [pytest.approx(150.0, abs=40.0)]
+
+
 @pytest.mark.parametrize(("hole", "told"), [(3, True), (50, False)])
 def test_a_step_in_a_hole_of_the_log_is_seen_and_not_used(hole, told):
     """Nobody knows when in it the step began, nor whether it was one; as long a way would have been its time to 63 %.
