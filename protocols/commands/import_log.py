@@ -28,12 +28,13 @@ def look(args: argparse.Namespace) -> int:
     from shockrig.rig.logs.first_map import look_at
     from shockrig.rig.logs.found import steps_of
     from shockrig.rig.logs.map_file import read_map
+    from shockrig.rig.logs.runs import unused
     from shockrig.rig.logs.sensor_logs import read_sensors
 
     say = Phases(LOOKING_AT_LOG, only_long=True)
     folder = args.out or Path(".")
     map_path = args.map or folder / f"{args.logs[0].stem}.toml"
-    text, unused = None, tuple[str, ...]()
+    text, not_used = None, tuple[str, ...]()
     if args.map is not None:
         map_ = read_map(args.map)
         logs = [read_sensors(path, map_) for path in args.logs]
@@ -46,17 +47,18 @@ def look(args: argparse.Namespace) -> int:
                 "give another --out"
             )
         seen = look_at(args.logs, map_path, say)
-        map_, text, logs, steps, unused = seen.map, seen.text, list(seen.logs), list(seen.steps), seen.unused
+        map_, text, logs, steps, not_used = seen.map, seen.text, list(seen.logs), list(seen.steps), seen.unused
     say("picture")
     with whole_folder(folder) as partial:
         for one, those in zip(logs, steps, strict=True):
-            used = [is_used(step, map_) for step in those]
+            left_out = unused(one, those, map_)
+            used = [step.number not in left_out for step in those]
             (partial / f"{one.log.path.stem}.png").write_bytes(figure_bytes(draw_log(one, those, used)))
         if text is not None:
             (partial / map_path.name).write_text(text, encoding="utf-8")
     for one, those in zip(logs, steps, strict=True):
         _say_log(one, those, map_)
-    for said in unused:
+    for said in not_used:
         print(f"  {said}")
     for one in logs:
         print(f"picture: {folder / f'{one.log.path.stem}.png'}")
@@ -122,14 +124,6 @@ def import_by_map(args: argparse.Namespace) -> int:
     return 0
 
 
-def is_used(one: LogStep, map_: LogMap) -> bool:
-    """Whether a step makes a run of any sensor that the map wants."""
-    if one.said is not None:
-        return one.said.is_used
-    staged = one.step.stages > 1 and any(map_.sensors[name].reference for name in map_.wanted)
-    return not one.step.why_not or staged
-
-
 def _when(sensors: SensorLog, one: LogStep) -> str:
     import math
 
@@ -151,6 +145,7 @@ def sensors_said(names: Sequence[str]) -> str:
 
 def _say_log(sensors: SensorLog, steps: Sequence[LogStep], map_: LogMap) -> None:
     from shockrig.rig.logs.first_map import said_of
+    from shockrig.rig.logs.runs import unused
 
     log = sensors.log
     names = sensors_said(list(sensors.readings))
@@ -161,8 +156,9 @@ def _say_log(sensors: SensorLog, steps: Sequence[LogStep], map_: LogMap) -> None
         print(f"  time: {log.clock.doubt}")
     how = "stated by the map" if any(one.said is not None for one in steps) else "seen"
     print(f"  {counted(len(steps), 'step')} {how}")
+    left_out = unused(sensors, steps, map_)
     for one in steps:
-        why = "" if is_used(one, map_) else f"  not used: {one.step.why_not or 'the map says so'}"
+        why = f"  not used: {left_out[one.number]}" if one.number in left_out else ""
         print(f"  {one.number:3d}  {_when(sensors, one)}{why}")
         if not why:
             for move in one.step.moves:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from shockrig.rig.logs.log import ImpossibleError
 from shockrig.rig.logs.map_file import parse_map
 from shockrig.rig.logs.mapping import FORMAT, LogMap
 from shockrig.rig.logs.onset import StepOnset
+from shockrig.rig.logs.runs import unused
 from shockrig.rig.logs.sensor_logs import SensorLog, read_sensors
 from shockrig.rig.logs.stamps import ISO, NUMBERS, to_map
 from shockrig.rig.logs.text import Layout, Scan, scan
@@ -89,8 +90,9 @@ def _look(
         logs.append(read_sensors(scans[0].path, map_, scans.pop(0)))
     progress("looking for steps")
     steps = [steps_of(one, map_) for one in logs]
-    times = t63_of([step for those in steps for step in those])
-    text = head + _sensors(guess, times, likely_reference(guess.sensors)) + _steps_text(logs, steps)
+    left_out = [unused(one, those, map_) for one, those in zip(logs, steps, strict=True)]
+    times = t63_of([one for those, out in zip(steps, left_out, strict=True) for one in those if one.number not in out])
+    text = head + _sensors(guess, times, likely_reference(guess.sensors)) + _steps_text(logs, steps, left_out)
     return LogLook(text, parse_map(text, map_path), tuple(logs), tuple(steps), _not_used(guess))
 
 
@@ -128,10 +130,10 @@ def _recognised(first: Scan, refused: Sequence[ImpossibleError] = ()) -> Guess:
 
 
 def t63_of(steps: Sequence[LogStep]) -> dict[str, dict[str, float]]:
-    """Quantity -> sensor -> median time to 63 % over the steps that came in one stage."""
+    """Quantity -> sensor -> median time to 63 % over steps."""
     times: dict[str, dict[str, list[float]]] = {}
     for one in steps:
-        for move in one.step.moves if not one.step.why_not else ():
+        for move in one.step.moves:
             name, key = move.channel.rsplit(".", 1)
             times.setdefault(key, {}).setdefault(name, []).append(move.t63_s + move.at_s - one.step.at_s)
     return {key: {name: float(np.median(those)) for name, those in of.items()} for key, of in times.items()}
@@ -227,9 +229,11 @@ def _references(sensor: str, times: dict[str, dict[str, float]], by_name: str | 
     return found
 
 
-def _steps_text(logs: Sequence[SensorLog], steps: Sequence[Sequence[LogStep]]) -> str:
+def _steps_text(
+    logs: Sequence[SensorLog], steps: Sequence[Sequence[LogStep]], left_out: Sequence[Mapping[int, str]]
+) -> str:
     lines = ["\n"]
-    for sensors, those in zip(logs, steps, strict=True):
+    for sensors, those, reasons in zip(logs, steps, left_out, strict=True):
         log = sensors.log
         span_s = float(sum(log.time_s[rows.stop - 1] - log.time_s[rows.start] for rows in log.pieces))
         lines.append(
@@ -241,7 +245,7 @@ def _steps_text(logs: Sequence[SensorLog], steps: Sequence[Sequence[LogStep]]) -
             for said in (*log.remarks, *(r for s in sensors.readings.values() for r in s.remarks))
         ]
         for one in those:
-            lines.append(_step_text(sensors, one, len(log.pieces) > 1))
+            lines.append(_step_text(sensors, one, len(log.pieces) > 1, reasons.get(one.number, "")))
     lines += [
         "\n",
         _line("[runs]", "what holds for every run, where it is known; a [[step]] may say otherwise"),
@@ -253,7 +257,7 @@ def _steps_text(logs: Sequence[SensorLog], steps: Sequence[Sequence[LogStep]]) -
     return "".join(lines)
 
 
-def _step_text(sensors: SensorLog, one: LogStep, in_pieces: bool) -> str:
+def _step_text(sensors: SensorLog, one: LogStep, in_pieces: bool, why_not: str) -> str:
     log, step = sensors.log, one.step
     digits = int(np.clip(np.ceil(-np.log10(max(step.uncertainty_s, 1e-3))) + 1, 0, 3))
     lines = [
@@ -268,9 +272,9 @@ def _step_text(sensors: SensorLog, one: LogStep, in_pieces: bool) -> str:
     moved = one.moved()
     if len(moved) < len(sensors.readings):
         lines.append(_line(f"sensors = [{', '.join(map(_text, moved))}]", "those that moved"))
-    if step.why_not:
+    if why_not:
         beside = "; true beside a reference that measured the air" if step.stages > 1 else ""
-        lines.append(_line("use = false", f"{step.why_not}{beside}"))
+        lines.append(_line("use = false", f"{why_not}{beside}"))
     lines += [f"# {said_of(move)}\n" for move in step.moves]
     return "".join(lines)
 

@@ -57,48 +57,81 @@ def runs_of(
     sensors: SensorLog, steps: Sequence[LogStep], map_: LogMap, name: str
 ) -> tuple[list[ImportedRun], list[StepLeftOut]]:
     """Runs of the sensor `name` from one log, in order of time, and the steps that made none."""
-    sensor = map_.sensors[name]
-    runs: list[ImportedRun] = []
-    left_out: list[StepLeftOut] = []
-    log = sensors.log.path.name
-    reasons = _reasons(sensors, steps, name, bool(sensor.reference))
-    # Beside a measured air only what makes a run of its own, or what a person says of this sensor, is kept apart.
-    apart = [
+    reasons, windows = _decided(sensors, steps, map_, name)
+    log, sensor = sensors.log.path.name, map_.sensors[name]
+    runs = [_run(sensors, one, map_, sensor, *windows[one.number]) for one in steps if one.number in windows]
+    return runs, [StepLeftOut(log, one, reasons[one.number]) for one in steps if one.number not in windows]
+
+
+def unused(sensors: SensorLog, steps: Sequence[LogStep], map_: LogMap) -> dict[int, str]:
+    """Number of a step that makes no run of any sensor that the map wants -> why."""
+    decided = {name: _decided(sensors, steps, map_, name) for name in map_.wanted}
+    found = {}
+    for one in steps:
+        if any(one.number in windows for _, windows in decided.values()):
+            continue
+        theirs = [name for name in decided if name in one.moved()] or list(decided)
+        against = _against(sensors, steps, one, map_, theirs[0])
+        is_left_out = one.said is not None and not one.said.is_used
+        found[one.number] = (against or "the map says so") if is_left_out else decided[theirs[0]][0][one.number]
+    return found
+
+
+def _decided(
+    sensors: SensorLog, steps: Sequence[LogStep], map_: LogMap, name: str
+) -> tuple[dict[int, str], dict[int, tuple[float, float]]]:
+    """Number of a step -> why it makes no run of a sensor, and of each that does, from when to when the run goes."""
+    is_measured = bool(map_.sensors[name].reference)
+    reasons = _reasons(sensors, steps, map_, name)
+    apart = _apart(steps, reasons, name, is_measured)
+    for one in steps:
+        reasons[one.number] = reasons[one.number] or _too_few(sensors, apart, one, map_, name)
+    apart = _apart(steps, reasons, name, is_measured)
+    windows = {one.number: _window(sensors, apart, one, map_, name) for one in steps if not reasons[one.number]}
+    return reasons, windows
+
+
+def _apart(steps: Sequence[LogStep], reasons: Mapping[int, str], name: str, is_measured: bool) -> Sequence[LogStep]:
+    """The steps that a run does not reach into: beside a measured air only what makes a run of its own, or what a
+    person says of this sensor."""
+    return [
         other
         for other in steps
-        if not sensor.reference
+        if not is_measured
         or not reasons[other.number]
         or (other.said is not None and (not other.said.sensors or name in other.said.sensors))
     ]
-    for one in steps:
-        why = reasons[one.number]
-        if why:
-            left_out.append(StepLeftOut(log, one, why))
-            continue
-        begin_s, end_s = window(sensors, apart, one, map_, name)
-        if one.begin_s is None:
-            begin_s = settled_since(sensors, one, name, begin_s)
-        inside = inside_run(sensors, name, one.step.piece, begin_s, end_s)
-        moments = sensors.log.time_s[sensors.readings[name].rows[inside]]
-        before, after = int((moments < one.step.at_s).sum()), int((moments >= one.step.at_s).sum())
-        if before < READINGS_BEFORE or after < READINGS_AFTER:
-            least = f"{READINGS_BEFORE} and {READINGS_AFTER} are needed"
-            why = f"{name} has {before} readings before it and {after} after it; {least}"
-            left_out.append(StepLeftOut(log, one, why))
-            continue
-        runs.append(_run(sensors, one, map_, sensor, begin_s, end_s))
-    return runs, left_out
 
 
-def _reasons(sensors: SensorLog, steps: Sequence[LogStep], name: str, is_measured: bool) -> dict[int, str]:
-    """Number of a step -> why it makes no run of a sensor; empty where it does.
+def _window(sensors: SensorLog, apart: Sequence[LogStep], one: LogStep, map_: LogMap, name: str) -> tuple[float, float]:
+    begin_s, end_s = window(sensors, apart, one, map_, name)
+    return (settled_since(sensors, one, name, begin_s) if one.begin_s is None else begin_s), end_s
+
+
+def _too_few(sensors: SensorLog, apart: Sequence[LogStep], one: LogStep, map_: LogMap, name: str) -> str:
+    """Why a step leaves too few readings to a run of a sensor; empty where it does not."""
+    inside = inside_run(sensors, name, one.step.piece, *_window(sensors, apart, one, map_, name))
+    moments = sensors.log.time_s[sensors.readings[name].rows[inside]]
+    before, after = int((moments < one.step.at_s).sum()), int((moments >= one.step.at_s).sum())
+    if before >= READINGS_BEFORE and after >= READINGS_AFTER:
+        return ""
+    least = f"{READINGS_BEFORE} and {READINGS_AFTER} are needed"
+    return f"{name} has {before} readings before it and {after} after it; {least}"
+
+
+def _reasons(sensors: SensorLog, steps: Sequence[LogStep], map_: LogMap, name: str) -> dict[int, str]:
+    """Number of a step -> why it makes no run of a sensor, whatever readings it has; empty where it does.
 
     What its reference did while the sensor was still on its way is in the run before, where the air was measured.
     """
     reasons: dict[int, str] = {}
     before: LogStep | None = None
     for one in steps:
-        reasons[one.number] = why = _why_not(one, name, is_measured)
+        if one.said is not None and not one.said.is_used:
+            against = _against(sensors, steps, one, map_, name)
+            reasons[one.number] = "the map says use = false" + (f": {against}" if against else "")
+            continue
+        reasons[one.number] = why = _why_not(one, name, bool(map_.sensors[name].reference))
         if why:
             continue
         if name in one.step.beside and before is not None and on_the_way(sensors, before, one, name):
@@ -108,10 +141,13 @@ def _reasons(sensors: SensorLog, steps: Sequence[LogStep], name: str, is_measure
     return reasons
 
 
+def _against(sensors: SensorLog, steps: Sequence[LogStep], one: LogStep, map_: LogMap, name: str) -> str:
+    """What was seen that speaks against a step, whatever the map says of it."""
+    return one.step.why_not or (_too_few(sensors, steps, one, map_, name) if one.step.moves else "")
+
+
 def _why_not(one: LogStep, name: str, is_measured: bool) -> str:
     """Why a step makes no run of a sensor; empty where it does."""
-    if one.said is not None and not one.said.is_used:
-        return "the map says use = false" + (f": {one.step.why_not}" if one.step.why_not else "")
     if name not in one.moved():
         if one.said is not None and one.said.sensors:
             whose = ", ".join(one.said.sensors)

@@ -286,13 +286,11 @@ def _stands_out(channel: LogPiece, move: StepOnset, width_s: float, since_s: flo
 
 
 def judged(step: StepInLog, steps: Sequence[StepInLog], k: int, channels: Sequence[LogPiece]) -> StepInLog:
-    """The step with the reason why it makes no run, where there is one."""
+    """The step with the reason why its course makes no run, where there is one; how many readings it has is told by
+    the window that is cut for it."""
     moved = [channel for channel in channels if channel.name in {move.channel for move in step.moves}]
-    since_s = steps[k - 1].at_s if k else -np.inf
     until_s = steps[k + 1].at_s if k + 1 < len(steps) else np.inf
     ends_s = max(float(c.time_s[-1]) for c in moved)
-    before = max(int(((c.time_s > since_s) & (c.time_s < step.at_s)).sum()) for c in moved)
-    after = max(int(((c.time_s > step.at_s) & (c.time_s < until_s)).sum()) for c in moved)
     of_channel = {channel.name: channel for channel in moved}
     holes_s = [_hole_s(of_channel[move.channel], move) for move in step.moves]
     why = ""
@@ -304,10 +302,6 @@ def judged(step: StepInLog, steps: Sequence[StepInLog], k: int, channels: Sequen
         why = f"came in {step.stages} stages over {short(step.lasted_s, 3)} s: the air itself took that long"
     elif all(move.t63_s > RAMP_SHARE * (min(until_s, step.next_s, ends_s) - move.at_s) for move in step.moves):
         why = "did not slow down until the next change or the end: a ramp, or too short a stretch to tell"
-    elif before < READINGS_BEFORE:
-        why = f"only {before} readings before it: no level to start from"
-    elif after < READINGS_AFTER:
-        why = f"only {after} readings after it"
     return replace(step, why_not=why)
 
 

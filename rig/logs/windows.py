@@ -31,7 +31,7 @@ def window(sensors: SensorLog, steps: Sequence[LogStep], one: LogStep, map_: Log
     here = [other.step for other in steps if other.step.piece == one.step.piece]
     begins_s, ends_s = float(log.time_s[rows.start]), float(log.time_s[rows.stop - 1])
     since_s, until_s = (-np.inf, np.inf) if map_.sensors[name].reference else one.quiet.get(name, (-np.inf, np.inf))
-    last_s = max((other.at_s + other.lasted_s for other in here if other.at_s < at_s), default=-np.inf)
+    last_s = max((other.at_s for other in here if other.at_s < at_s), default=-np.inf)
     last_s = max(last_s, since_s)
     following = min((other for other in here if other.at_s > at_s), key=lambda other: other.at_s, default=None)
     readings = sensors.readings[name]

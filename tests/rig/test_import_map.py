@@ -55,7 +55,7 @@ BAD = {
     "time and none": ("[log]\ntime = 'time_s'\nevery_s = 1.0\n", r"key log.every_s: .* log.time is stated"),
     "left out as it should be": (
         "[[step]]\nat = 1.0\nuse = false\n",
-        r"use = false: only 2 readings before it: no level",
+        r"use = false: bead has 2 readings before it and",
     ),
     "no such time": ("[log]\ntime = 'Zeit'\n", r"map.toml: key log.time: no column 'Zeit'"),
     "time unit": ("[log]\ntime_unit = 'hPa'\n", r"key log.time_unit: expected one of s, ms"),

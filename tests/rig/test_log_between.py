@@ -1,10 +1,11 @@
 """What must hold of changes that are no steps: a run ends before one that is large beside its step."""
 
 import json
+import re
 
 import numpy as np
 import pytest
-from made_up_logs import lag, written
+from made_up_logs import lag, two_lags, written
 
 from shockrig.protocols.cli import main
 
@@ -65,3 +66,17 @@ def test_a_run_beside_a_measured_air_holds_what_the_air_did(tmp_path):
     beside = '[sensor.air]\ntemperature = "air_temp"\n[sensor.probe]\ntemperature = "probe_temp"\nreference = "air"\n'
     (end_s,) = imported(tmp_path, log, beside + f"[[step]]\nat = {STEP_S}\nuncertainty_s = 1.0\n")
     assert end_s > DOOR_S + 50.0
+
+
+@pytest.mark.parametrize(("pause_s", "t63_s"), [(50.0, 80.0), (60.0, 40.0), (90.0, 80.0)])
+def test_the_first_look_says_what_the_import_leaves_out(tmp_path, capsys, pause_s, t63_s):
+    """A door that is opened and shut while a fire is lit: what either leaves of the other's run decides in both."""
+    time_s = np.arange(0.0, 1500.0, 5.0)
+    value = 150.0 - 27.0 * lag(time_s - 600.0, 12.0) + 40.0 * two_lags(time_s - 600.0 - pause_s, t63_s)
+    value += np.random.default_rng(0).normal(0.0, 0.1, time_s.size)
+    log = written(tmp_path / "log.csv", table("time_s,temp", time_s, value))
+    assert main(["import", str(log), "--look", "--out", str(tmp_path)]) == 0
+    look = re.findall(r"^ +(\d+)  \d.* s(  not used|)", capsys.readouterr().out, re.MULTILINE)
+    made = main(["import", str(log), "--map", str(tmp_path / "log.toml"), "--out", str(tmp_path / "c")]) == 0
+    runs = re.findall(r"log.csv step (\d+): [\d.]+ s before", capsys.readouterr().out)
+    assert runs == [number for number, out in look if not out] and made == bool(runs)
