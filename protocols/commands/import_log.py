@@ -64,7 +64,14 @@ def look(args: argparse.Namespace) -> int:
         print(f"picture: {folder / f'{one.log.path.stem}.png'}")
     names = " ".join(str(path) for path in args.logs)
     print(f"map: {map_path}{' (check columns, units and steps in it)' if text is not None else ''}")
-    print(f"next: shockrig import {names} --map {map_path} --out CAMPAIGN")
+    if any(len(unused(one, those, map_)) < len(those) for one, those in zip(logs, steps, strict=True)):
+        print(f"next: shockrig import {names} --map {map_path} --out CAMPAIGN")
+    else:
+        print(
+            "no step makes a run: state [[step]] at = ... in the map where the picture shows one, and look again with"
+        )
+        print(f"  shockrig import {names} --look --map {map_path}")
+        print("  (a record that begins in its response is one run: shockrig import --imet LOG, --hyt LOG or both)")
     return 0
 
 

@@ -14,7 +14,7 @@ from shockrig.files.numbers import short
 from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.logs.clock_columns import counters, guess_clock
 from shockrig.rig.logs.found import LogStep, steps_of
-from shockrig.rig.logs.guess import Guess, guess_log, likely_reference
+from shockrig.rig.logs.guess import NOTHING, ZEROS, Guess, guess_log, likely_reference
 from shockrig.rig.logs.log import ImpossibleError
 from shockrig.rig.logs.map_file import parse_map
 from shockrig.rig.logs.mapping import FORMAT, LogMap
@@ -122,8 +122,11 @@ def _recognised(first: Scan, refused: Sequence[ImpossibleError] = ()) -> Guess:
                 f'[log] header_line = 0, {when} and [sensor.NAME] temperature = "N", where columns are '
                 f"numbers from 1 to {width}, as docs/importing.md shows"
             )
+        empty = {why: [name for name, reason in guess.unused if reason == why] for why in (NOTHING, ZEROS)}
+        said = "".join(f"{', '.join(names)}: {why}; " for why, names in empty.items() if names)
+        said += "no column" if not said or guess.clock is None else "no other column"
         raise fault(
-            f"{shown(first.path)}: no column of {what} is recognised (it has: {has}); write a map by hand, [log] "
+            f"{shown(first.path)}: {said} of {what} is recognised (it has: {has}); write a map by hand, [log] "
             f'{CLOCK_LINE} and [sensor.NAME] temperature = "...", as docs/importing.md shows'
         )
     return guess

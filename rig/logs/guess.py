@@ -28,6 +28,7 @@ _WORDS = re.compile(
 POSITION = ("altitude", "latitude", "longitude")
 STAMPS_APART = 0.05  # of the time from row to row: stamps that are less off the clock are the clock's
 IMPOSSIBLE = "hardly any of it can be what its name says (a raw count? if not, state it and its unit in the map)"
+NOTHING, ZEROS = "holds nothing", "holds nothing but zeros (not connected?)"
 REFERENCE_WORDS = ("ctrl", "control", "ref", "standard", "chilled", "mirror")
 
 
@@ -66,7 +67,7 @@ def guess_log(lines: Scan, impossible: Collection[str] = ()) -> Guess:
             unused.append((name, _why_no_reading(clock, name, k, lines, rows)))
             continue
         if values.size < 2 or (values == 0.0).all():
-            unused.append((name, "holds nothing" if values.size < 2 else "holds nothing but zeros (not connected?)"))
+            unused.append((name, NOTHING if values.size < 2 else ZEROS))
             continue
         unit, how = guess_unit(COLUMNS.get(quantity, quantity), named, values)
         own = [row[k] for row in rows]

@@ -113,7 +113,8 @@ def _why_no_run(campaigns: Sequence[SensorCampaign], paths: Sequence[Path], wher
         return (
             f"{', '.join(map(shown, paths))}: no step is seen in it; look at it (--look --map {where}), then state "
             "[[step]] at = ... or a smaller [steps] least_temperature_k, least_humidity_percent in the map (a step "
-            f"needs {READINGS_BEFORE} readings before it)"
+            f"needs {READINGS_BEFORE} readings before it; a record that begins in its response is one run, imported as "
+            "docs/importing.md shows)"
         )
     each = "; ".join(f"{step} {why}" for why, step in reasons.items())
     return f"no step makes a run: {each}; look at it (--look --map {where}) and correct the map"

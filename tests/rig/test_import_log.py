@@ -180,6 +180,23 @@ def test_a_sensor_too_slow_for_a_change_of_its_own_follows_the_air_beside_it(tmp
     assert "the map gives it to air alone: name probe in its sensors too, or delete" in capsys.readouterr().err
 
 
+def test_a_first_look_without_a_run_says_what_to_do(tmp_path, capsys):
+    """As of a record that begins in its response, of which that is one run; and of a sensor that is not connected."""
+    time_s = np.arange(0.0, 2000.0, 11.0)
+    rows = [f"{t:.0f},{25.0 - 5.0 * np.exp(-t / 300.0):.3f},0.0,0.0" for t in time_s]
+    log = written(tmp_path / "log.csv", "\n".join(["time_s,temp a,temp b,rh b", *rows, ""]))
+    assert run(log, "--look", "--out", tmp_path) == 0
+    said = capsys.readouterr().out
+    assert "next: " not in said and "one run: shockrig import --imet LOG" in said
+    assert run(log, "--map", tmp_path / "log.toml", "--out", tmp_path / "c") == 2
+    assert "a record that begins in its response is one run" in capsys.readouterr().err
+    assert run("--imet", log, "--imet-temperature", "temp a", "--out", tmp_path / "c") == 0
+    dead = written(tmp_path / "dead.csv", "\n".join(["time_s,temp b,rh b", *(f"{t:.0f},0.0,0.0" for t in time_s), ""]))
+    capsys.readouterr()
+    assert run(dead, "--look", "--out", tmp_path / "d") == 2
+    assert "temp b, rh b: holds nothing but zeros (not connected?); no other column" in capsys.readouterr().err
+
+
 def test_only_what_the_sensors_of_a_step_did_is_told(tmp_path, capsys):
     log = two_sensors(tmp_path)
     step = f'[[step]]\nat = {LOG.steps_s[0]}\nsensors = ["fast"]\n'
