@@ -94,6 +94,16 @@ def moment(time_s: float) -> str:
     return f"{at:%Y-%m-%d %H:%M:%S}{f'.{at.microsecond // 1000:03}'.rstrip('0').rstrip('.')} UTC"
 
 
+def one_or_many(count: int, one: str, many: str) -> str:
+    """A count with what is said of one and of several: "1 line is", "3 lines are"."""
+    return f"{count} {one if count == 1 else many}"
+
+
+def in_line(count: int, first: int) -> str:
+    """Where one thing or the first of several is: "in line 7", "the first in line 7"."""
+    return f"{'' if count == 1 else 'the first '}in line {first}"
+
+
 def counted(count: int, noun: str) -> str:
     """A count with its noun: "1 run", "35 runs"."""
     return f"{count} {noun}{'' if count == 1 else 's'}"

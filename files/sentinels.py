@@ -95,6 +95,24 @@ def coded(quantity: str, values: Array, low: float = -np.inf, high: float = np.i
     return found
 
 
+def momentary(quantity: str, values: Array, low: float, high: float) -> dict[float, Mask]:
+    """Rows (n,) that hold a code which a reading can be (`low` to `high`) and that the log jumps to and back from, for
+    fewer rows than a course has; zeros are no such code here, a fridge has them."""
+    known = np.flatnonzero(np.isfinite(values))
+    found: dict[float, Mask] = {}
+    for code, rows in coded(quantity, values, low, high).items():
+        if code == 0.0 or not low <= code <= high:
+            continue
+        brief = np.zeros(values.shape, dtype=bool)
+        for begin, end in np.flatnonzero(np.diff(rows[known], prepend=False, append=False)).reshape(-1, 2):
+            beside = [*values[known[begin - 1 : begin]], *values[known[end : end + 1]]]
+            is_passed = min(beside) <= code <= max(beside)  # as an oven is that warms
+            brief[known[begin:end]] = end - begin < LEAST_COURSE and not is_passed
+        if brief.any():
+            found[code] = brief
+    return found
+
+
 def unread(values: Array, usual: Range, readable: Range) -> Mask:
     """Temperatures (n,) beyond what is `usual` that nothing measured.
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from shockrig.files.disk import shown
 from shockrig.files.numbers import short
+from shockrig.files.unit_names import quantity_of
 from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.logs.clock_columns import counters, guess_clock
 from shockrig.rig.logs.found import LogStep, steps_of
@@ -122,7 +123,8 @@ def _recognised(first: Scan, refused: Sequence[ImpossibleError] = ()) -> Guess:
                 f'[log] header_line = 0, {when} and [sensor.NAME] temperature = "N", where columns are '
                 f"numbers from 1 to {width}, as docs/importing.md shows"
             )
-        empty = {why: [name for name, reason in guess.unused if reason == why] for why in (NOTHING, ZEROS)}
+        sought = [one for one in guess.unused if quantity_of(one[0], None) in ("temperature", "humidity")]
+        empty = {why: [name for name, reason in sought if reason == why] for why in (NOTHING, ZEROS)}
         said = "".join(f"{', '.join(names)}: {why}; " for why, names in empty.items() if names)
         said += "no column" if not said or guess.clock is None else "no other column"
         raise fault(

@@ -16,6 +16,9 @@ from shockrig.rig.bench_errors import BenchError
 Index = NDArray[np.uint32]  # no file of more than 2^30 bytes is read
 
 BYTES = 1 << 20  # that are searched for line ends at a time
+NO_TEXT = "\N{REPLACEMENT CHARACTER}".encode()
+# bytes that a log of text holds: all but control characters, of which loggers write those from 7 to 13, 26 and 27
+NO_BINARY = bytes([0, *range(7, 14), 26, 27, *range(32, 256)])
 BLOCK = 10_000  # lines that are looked up at a time
 
 
@@ -82,11 +85,15 @@ def read_lines(path: Path) -> Lines:
         content = content.decode("utf-16", errors="replace").encode(errors="replace")
     elif not content.isascii():
         content = decoded(content).encode(errors="replace")
-    if b"\0" in content:
-        line = content.partition(b"\0")[0].count(b"\n") + 1
-        raise BenchError(f"{shown(path)}, line {line}: holds a NUL byte; is it a text file? Export it as CSV")
     if b"\r" in content:
         content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    if b"\0" in content:
+        every = content.split(b"\n")
+        spoilt = [k for k, line in enumerate(every, start=1) if b"\0" in line]
+        if len(spoilt) > 0.5 * len(every) or content.translate(None, delete=NO_BINARY):
+            raise BenchError(f"{shown(path)}, line {spoilt[0]}: holds a NUL byte; is it a text file? Export it as CSV")
+        # A logger that lost its power while it wrote: what is there is no number, and counted as such.
+        content = content.replace(b"\0", NO_TEXT)
     found = [
         (
             np.flatnonzero(np.frombuffer(content, np.uint8, min(BYTES, len(content) - at), at) == ord("\n")) + at + 1

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from shockrig.files.disk import shown
 from shockrig.files.flight_cells import plain_numbers
+from shockrig.files.numbers import in_line, one_or_many
 from shockrig.files.ranges import RANGES, Range
-from shockrig.files.sentinels import unread
+from shockrig.files.sentinels import CODES, momentary, unread
 from shockrig.files.spelling import did_you_mean
 from shockrig.files.unit_names import UNITS
 from shockrig.rig.bench_errors import BenchError
@@ -143,7 +144,10 @@ def read_rows(
             raise BenchError(f"{shown(path)}{at}: no column {name!r}{did_you_mean(name, lines.names)}")
     columns = list({column.name: column for column in columns}.values())
     stamps_read, read = _read_plain(lines, layout, columns, clock) or _read_columns(lines, layout, columns, clock)
-    remarks = [_sentence(count, f"lines {reason}", where) for reason, (count, where) in lines.odd.items()]
+    remarks = [
+        _sentence(count, f"line {reason.replace('that repeat ', 'that repeats ')}", f"lines {reason}", where)
+        for reason, (count, where) in lines.odd.items()
+    ]
     where = f"{shown(path)}, column {', '.join(clock.columns)}"
 
     def stamp(row: int) -> str:
@@ -298,11 +302,12 @@ def _checked(read: _Read, column: Column, lines: Scan, named: bool) -> tuple[Arr
             "map"
         )
     if read.wrong:
-        what = f"cells of {column.name!r} that are no numbers"
-        said.append(_sentence(read.wrong, what, lines.numbers[read.first_wrong]))
+        one, many = f"cell of {column.name!r} that is no number", f"cells of {column.name!r} that are no numbers"
+        said.append(_sentence(read.wrong, one, many, lines.numbers[read.first_wrong]))
     missing = int(np.isnan(numbers).sum()) - read.wrong
     if missing:
-        said.append(f"{missing} values of {column.name!r} are missing")
+        of = f"of {column.name!r}"
+        said.append(one_or_many(missing, f"value {of} is missing", f"values {of} are missing"))
     limits = LIMITS[column.quantity]
     absurd = np.flatnonzero((numbers < limits.low) | (numbers > limits.high))
     if column.quantity == "temperature" and (named or absurd.size < 0.9 * np.isfinite(numbers).sum()):
@@ -315,8 +320,16 @@ def _checked(read: _Read, column: Column, lines: Scan, named: bool) -> tuple[Arr
             column.name,
         )
     if absurd.size:
-        said.append(_sentence(absurd.size, f"impossible readings of {column.name!r}", lines.numbers[absurd[0]]))
+        what = f"of {column.name!r}"
+        one, many = f"impossible reading {what}", f"impossible readings {what}"
+        said.append(_sentence(absurd.size, one, many, lines.numbers[absurd[0]]))
         numbers[absurd] = np.nan
+    if column.quantity in ("temperature", "humidity"):
+        for code, rows in momentary(column.quantity, numbers, limits.low, limits.high).items():
+            what = f"of {column.name!r} that {{}} {code:g} ({CODES[column.quantity][code]})"
+            one, many = f"reading {what.format('is')}", f"readings {what.format('are')}"
+            said.append(_sentence(int(rows.sum()), one, many, lines.numbers[np.flatnonzero(rows)[0]]))
+            numbers[rows] = np.nan
     if np.isfinite(numbers).sum() < 2:
         raise BenchError(f"{where}: holds no readings; name another column in the map, or leave this one out")
     return numbers, said
@@ -327,5 +340,5 @@ def _names_unit(lines: Scan, name: str) -> bool:
     return name in lines.names and unit_said(lines, lines.names.index(name)) in UNITS["time"]
 
 
-def _sentence(count: int, what: str, line: int) -> str:
-    return f"{count} {what} left out (the first in line {line})"
+def _sentence(count: int, one: str, many: str, line: int) -> str:
+    return f"{one_or_many(count, one, many)} left out ({in_line(count, line)})"

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from shockrig.files.numbers import counted, in_line, one_or_many
 from shockrig.rig.logs.stamps import newest_first
 
 Array = NDArray[np.float64]
@@ -73,14 +74,17 @@ def in_order(time_s: Array, values: Mapping[str, Array], lines: Sequence[int] | 
     keep = np.isfinite(time_s)
     if not keep.all():
         first = int(number[np.flatnonzero(~keep)[0]])
-        remarks.append(f"{int((~keep).sum())} rows without a time left out (the first in line {first})")
+        remarks.append(
+            f"{counted(int((~keep).sum()), 'row')} without a time left out ({in_line(int((~keep).sum()), first)})"
+        )
     rows = np.flatnonzero(keep)
     if newest_first(time_s[rows]):
         remarks.append("the newest row stands on top: the rows are read from the last to the first")
         rows = rows[::-1]
     absurd = rows[_absurd(time_s[rows])]
     if absurd.size:
-        remarks.append(f"{absurd.size} rows with absurd stamps left out (the first in line {int(number[absurd[0]])})")
+        said = one_or_many(absurd.size, "row with an absurd stamp", "rows with absurd stamps")
+        remarks.append(f"{said} left out ({in_line(absurd.size, int(number[absurd[0]]))})")
         rows = rows[~np.isin(rows, absurd)]
     sessions = _sessions(time_s, rows)
     parts: list[Index] = []
@@ -121,11 +125,14 @@ def in_order(time_s: Array, values: Mapping[str, Array], lines: Sequence[int] | 
 def _said_of_stamps(late: int, same: int, differing: int, spread_rows: int, even: Sequence[Even]) -> Iterator[str]:
     """What was done to rows whose stamps were out of order, there already, or coarser than the rows."""
     if late:
-        yield f"{late} rows were out of order and are sorted by their stamps"
+        was, were = "row was out of order and is", "rows were out of order and are"
+        yield f"{one_or_many(late, was, were)} sorted by the stamps"
     if same:
-        yield f"{same} rows repeat a stamp and its readings and are left out"
+        again = "a stamp and its readings and"
+        yield one_or_many(same, f"row repeats {again} is left out", f"rows repeat {again} are left out")
     if differing:
-        yield f"{differing} rows bear the stamp of the row before with other readings and are left out"
+        again = "the stamp of the row before with other readings and"
+        yield one_or_many(differing, f"row bears {again} is left out", f"rows bear {again} are left out")
     if spread_rows:
         yield (
             f"{spread_rows} rows share coarse stamps and are spread evenly between them: times are good to half a stamp"

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.files.disk import shown
+from shockrig.files.numbers import counted
 from shockrig.files.spelling import did_you_mean
 from shockrig.files.unit_names import EPOCH, UNITS, quantity_of, unit_in_name
 from shockrig.rig.bench_errors import BenchError
@@ -197,7 +198,8 @@ def _readings(log: Log, sensor: SensorMap, names: Mapping[str, str]) -> LogReadi
     if sensor.zero_is_missing:
         absent = there & np.all([columns[key] == 0.0 for key in main], axis=0)
         if absent.any():
-            remarks.append(f"{int(absent.sum())} rows in which {sensor.name} reads nothing but zeros left out")
+            what = f"in which {sensor.name} reads nothing but zeros left out"
+            remarks.append(f"{counted(int(absent.sum()), 'row')} {what}")
             there &= ~absent
     rows = np.flatnonzero(there)
     values = columns if there.all() else {key: column[rows] for key, column in columns.items()}

@@ -119,7 +119,7 @@ def test_absurd_and_missing_values_are_left_out_and_counted(tmp_path, capsys):
     log = write(tmp_path / "log.csv", rows)
     run("--hyt", log, "--out", tmp_path / "c")
     said = capsys.readouterr().err
-    assert "1 impossible readings of 'humidity_percent' left out (the first in line 52)" in said
+    assert "1 impossible reading of 'humidity_percent' left out (in line 52)" in said
     assert len(columns(tmp_path / "c/runs/0001/hyt.csv")["time_s"]) == len(ROWS) - 2
     head = json.loads((tmp_path / "c/runs/0001/run.json").read_text())
     assert all(f"hyt: {remark}\n" in said for remark in head["imported"]["hyt"]["remarks"])
@@ -130,11 +130,19 @@ GOOD = ["time_s,temperature_c", *(f"{t:.2f},{v}" for t, v, _ in ROWS)]
 ODD = {
     "not a number": (
         [*GOOD[:5], "0.45,2O.1", *GOOD[6:]],
-        r"1 cells of .temperature_c. that are no numbers .*line 6\)",
+        r"1 cell of .temperature_c. that is no number left out \(in line 6\)",
     ),
-    "time goes back": ([*GOOD, GOOD[3]], r"1 rows were out of order"),
-    "row cut short": ([*GOOD, "99.0"], r"1 lines of another number of cells left out \(the first in line 202\)"),
-    "no time": ([*GOOD[:9], ",21", *GOOD[10:]], r"1 rows without a time left out \(the first in line 10\)"),
+    "time goes back": ([*GOOD, GOOD[3]], r"1 row was out of order"),
+    "row cut short": ([*GOOD, "99.0"], r"1 line of another number of cells left out \(in line 202\)"),
+    "no time": ([*GOOD[:9], ",21", *GOOD[10:]], r"1 row without a time left out \(in line 10\)"),
+    "lost power": (
+        [*GOOD[:5], "0.45,2\0.1", *GOOD[6:]],
+        r"1 cell of .temperature_c. that is no number left out \(in line 6\)",
+    ),
+    "power on": (
+        [*GOOD[:5], "0.45,85.0", *GOOD[6:]],
+        r"1 reading of .temperature_c. that is 85 \(DS18B20 before its first conversion .* left out \(in line 6\)",
+    ),
 }
 
 
@@ -175,7 +183,7 @@ BAD = {
     "start is a date": (GOOD, ("--start", "2026-05-01"), r"--start: '2026-05-01' is no time on this log's clock"),
     "empty": ([], (), r"log.csv: is empty"),
     "header only": (GOOD[:1], (), r"no rows of numbers"),
-    "NUL": ([*GOOD[:3], "0.2\0,20"], (), r"line 4: holds a NUL"),
+    "NUL": ([*GOOD[:3], "0.2\0\1,20"], (), r"line 4: holds a NUL"),
     "airflow": (GOOD, ("--airflow", "nan"), r"--airflow nan: expected a number from 0 to 150"),
     "id": (GOOD, ("--id", "../x"), r"--id '../x'"),
     "id of two lines": (GOOD, ("--id", "a\nb"), r"--id 'a\\nb': expected a name"),

@@ -197,6 +197,18 @@ def test_a_first_look_without_a_run_says_what_to_do(tmp_path, capsys):
     assert "temp b, rh b: holds nothing but zeros (not connected?); no other column" in capsys.readouterr().err
 
 
+def test_a_reading_on_the_way_is_no_power_on_value(tmp_path):
+    """An oven that warms in steps of its display passes 85 degC; a sensor that reads it for a moment was started."""
+    time_s = np.arange(0.0, 300.0, 0.5)
+    oven = np.round(np.minimum(25.0 + 0.5 * time_s[::3].repeat(3)[: time_s.size], 100.0) / 1.5) * 1.5 + 1.0
+    assert (oven == 85.0).any()
+    started = np.where((time_s > 100.0) & (time_s < 101.0), 85.0, 30.0 + 0.01 * time_s)
+    rows = [f"{t},{a:.2f},{b:.2f}" for t, a, b in zip(time_s, oven, started, strict=True)]
+    look = look_at([written(tmp_path / "log.csv", "\n".join(["time_s,temp a,temp b", *rows, ""]))], tmp_path / "m.toml")
+    said = " ".join(look.logs[0].log.remarks)
+    assert "1 reading of 'temp b' that is 85 (DS18B20" in said and "temp a" not in said
+
+
 def test_only_what_the_sensors_of_a_step_did_is_told(tmp_path, capsys):
     log = two_sensors(tmp_path)
     step = f'[[step]]\nat = {LOG.steps_s[0]}\nsensors = ["fast"]\n'

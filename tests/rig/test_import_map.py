@@ -78,7 +78,7 @@ BAD_LOGS = {
     "empty": ("", r"log.csv: is empty"),
     "prose": ("It rained.\nAll day long.\n" * 5, r"log.csv: no rows of"),
     "header only": ("time_s,temperature_c,humidity_percent\n", r"log.csv: no rows of numbers"),
-    "NUL": (WAYS["plain"].replace("80.25,", "80.25\0,"), r"log.csv, line 162: holds a NUL byte"),
+    "NUL": (WAYS["plain"].replace("80.25,", "80.25\0\1,"), r"log.csv, line 162: holds a NUL byte"),
     "a column of words": (
         text(lines_of("time_s,temperature_c,humidity_percent", lambda t, a, b, n: f"{t},warm,{b}")),
         r"column 'temperature_c': 'warm' is not a number, nor are most",
