@@ -246,7 +246,7 @@ def test_lines_of_another_layout_that_cannot_be_read_are_said(tmp_path, capsys):
     rows = [f"{s};{20 + 0.1 * np.sin(s / 9):.2f}" for s in range(60)]
     rows[30] = "30;20.1;1;2"
     status, said = run(tmp_path, capsys, "\n".join(["time;temperature", *rows]) + "\n")
-    assert status == 0 and "lines of another number of cells left out (the first in line 32)" in said
+    assert status == 0 and "1 line of another number of cells left out (in line 32)" in said
 
 
 def test_a_second_column_of_one_name_is_named_and_can_be_taken(tmp_path, capsys):
