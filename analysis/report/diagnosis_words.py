@@ -232,6 +232,9 @@ def value_text(channel: str, parameter: Parameter, stated: Uncertain) -> str:
     return between(scale * value, scale * low, scale * high) + unit
 
 
+CERTAIN = 0.9  # from here on a cause is said without a doubt
+
+
 def cause_sentence(channel: str, cause: Cause) -> str:
     """What the cause is, with its parameters, how sure, and who could stand in its place."""
     effect = CATALOGUE[cause.effect]
@@ -242,7 +245,7 @@ def cause_sentence(channel: str, cause: Cause) -> str:
     }
     text = effect.words.sentence.format(**texts)
     words = {p.name: named(p.name.removesuffix(f"_{p.unit}")) for p in effect.parameters}
-    if cause.probability < 0.9:
+    if cause.probability < CERTAIN:
         doubt = "Probably" if cause.probability >= 0.6 else "Possibly"
         text = f"{doubt} ({100 * cause.probability:.0f} %): {text[0].lower()}{text[1:]}"
     if cause.indistinguishable_from:
@@ -356,8 +359,9 @@ def channel_verdict(found: ChannelDiagnosis, whole: bool = True) -> str:
     if not whole:
         said = [f"{listed([named(c.effect) for c in causes]).capitalize()}."] if causes else []
     # A shape claims no cause: it says how the sensor behaves as far as these runs tell.
+    sure = all(c.probability >= CERTAIN for c in causes)
     shapes = all(CATALOGUE[c.effect].candidacy.shape for c in causes)
-    opening = "As far as these runs tell:" if shapes else "Certain all the same:"
+    opening = "Certain all the same:" if sure and not shapes else "As far as these runs tell:"
     if not (gain.measured or (found.remainder.significant and found.remainder.material)):
         return " ".join([f"{sensor.capitalize()}: there is no other run to try an explanation on.", opening, *said])
     told = [sentence(one, unit) for one in found.discovered]

@@ -144,6 +144,8 @@ def test_adequate_and_unexplained_are_said_honestly():
     assert text.startswith("Something is left in the bead's readings that no catalogued effect explains: 0.080 K rms")
     assert "from 2.5 to 10 s" in text and "it varies with airflow; 42 % of it is the same in every run" in text
     assert "Certain all the same: The bead does not follow" in text
+    unsure = channel_verdict(channel("temperature", "unexplained", (replace(FILM, probability=0.7),), left))
+    assert "Certain" not in unsure and "As far as these runs tell: Probably (70 %)" in unsure
     assert channel_verdict(channel("temperature", "unexplained")).endswith("explains.")
 
 
