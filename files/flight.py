@@ -427,33 +427,32 @@ def _filled_places(
     place = _places(path, header, chosen, log)
     said: list[str] = []
     for quantity, first in list(place.items()) if log is None else []:
-        if quantity == "time" or quantity in chosen:
+        others = [] if quantity == "time" or quantity in chosen else _others(path, header, chosen, quantity, place)
+        if not others or not _is_empty(path, first):
             continue
-        names, at = list(header), first
-        while True:
-            names[at] = ""
-            other = _another(path, names, chosen, quantity, place)
-            if other is None and at == first or not _is_empty(path, at):
-                break
-            if other is None:
-                at = first
-                break
-            at = other
+        at = next((other for other in others if not _is_empty(path, other)), first)
         if at != first:
             place[quantity] = at
             said.append(f"{quantity} {header[first]!r} is empty, and {header[at]!r} is taken")
     return place, said
 
 
-def _another(
-    path: Path, names: list[str], chosen: Mapping[str, str], quantity: str, place: Mapping[str, int]
-) -> int | None:
-    """The column that would be a quantity's under these names; None where none would that is nothing else's."""
-    try:
-        other = _places(path, names, chosen, None).get(quantity)
-    except InputError:  # it was the last one that a log cannot be without
-        return None
-    return None if other in place.values() else other
+def _others(
+    path: Path, header: Sequence[str], chosen: Mapping[str, str], quantity: str, place: Mapping[str, int]
+) -> list[int]:
+    """The columns that would be a quantity's in turn, if those before had no name, and that are nothing else's."""
+    names, found = list(header), list[int]()
+    at = place.get(quantity)
+    while at is not None:
+        names[at] = ""
+        try:
+            at = _places(path, names, chosen, None).get(quantity)
+        except InputError:  # it was the last one that a log cannot be without
+            break
+        if at in place.values():
+            break
+        found += [at] if at is not None else []
+    return found
 
 
 def _is_empty(path: Path, place: int) -> bool:

@@ -27,6 +27,10 @@ class Range:
         """Whether a value can be; never where it is NaN."""
         return self.low <= value <= self.high
 
+    def farthest(self, value: float) -> float:
+        """How far a value is from the farther end: nothing that can be is farther away."""
+        return max(value - self.low, self.high - value)
+
     def __str__(self) -> str:
         return f"{self.low:g} to {self.high:g}"
 

@@ -309,8 +309,8 @@ def fit_windows(
     """
     frequency, power, weight = _periodograms(reading, period_s)
     turbulence, bend = seen(response, frequency, period_s, parts, common.smooth)
-    known = 2 * period_s * common.noise**2 * np.ones((len(reading), 1))
-    low = _weakest(turbulence, bend, 2 * period_s * float(common.noise) ** 2)
+    white = 2 * period_s * float(common.noise) ** 2
+    known, low = np.full((1, 1), white), _weakest(turbulence, bend, white)
     if passing is not None:
         known = known + passing_spectrum(passing, frequency, period_s)
     grids = []

@@ -38,7 +38,7 @@ REFERENCE_C = 20.0  # vapour is carried as relative humidity at this temperature
 FAR_C = 25.0  # beyond its table, where humidity is the reading, vapour is reckoned so far and no farther
 UNREAD_S = 3.0  # without a thermometer for so long, or so many periods if that is longer,
 UNREAD_PERIODS = 5.0  # a hygrometer's reading is none of vapour
-SATURATED_PERCENT = 100.0
+AIR_PERCENT = RANGES["humidity_set_percent"]
 VAPOUR_PER_K = 0.1  # of the vapour, that eddies carry with a kelvin: within a factor of two in most kinds of air
 TEMPERATURE_C = RANGES["temperature_c"]
 NOTHING = Judged(usable=False, missing=True)
@@ -385,8 +385,7 @@ class Corrector:
         common = float(np.hypot(self.bead.common(told, found.value), np.hypot(told.readout, left)))
         own = max(found.stated, told.step**2 / 12.0)
         value = float(np.clip(found.value, TEMPERATURE_C.low, TEMPERATURE_C.high))
-        # nothing that air can be is farther away than the farther end of that
-        farthest = max(value - TEMPERATURE_C.low, TEMPERATURE_C.high - value)
+        farthest = TEMPERATURE_C.farthest(value)
         total = float(np.hypot(np.sqrt(own), common))
         return Value(value, min(total, farthest), min(common, farthest), told.judged)
 
@@ -410,12 +409,11 @@ class Corrector:
             # the profile does not speak for such air: the reading, as unsure as what the correction would have made
             if not (told.judged.usable or told.judged.repeated):
                 return Value(np.nan, np.nan, np.nan, told.judged, outside=True)
-            away, farthest = raw - value, max(raw, SATURATED_PERCENT - raw)
+            away, farthest = raw - value, AIR_PERCENT.farthest(raw)
             total, common = (float(np.sqrt(one + of_readout**2 + away**2)) for one in (own, shared**2))
             return Value(raw, min(total, farthest), min(common, farthest), told.judged, True, True)
-        value = float(np.clip(value, 0.0, SATURATED_PERCENT))
-        # nothing between dry and saturated is farther away than the farther of the two
-        sigma = float(np.hypot(min(float(np.sqrt(own)), max(value, SATURATED_PERCENT - value)), of_readout))
+        value = float(np.clip(value, AIR_PERCENT.low, AIR_PERCENT.high))
+        sigma = float(np.hypot(min(float(np.sqrt(own)), AIR_PERCENT.farthest(value)), of_readout))
         return Value(value, sigma, float(np.hypot(shared, of_readout)), told.judged)
 
 

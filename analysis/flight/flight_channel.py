@@ -227,13 +227,16 @@ class FlightChannel:
         return replace(self, uncertainty=np.hypot(self.uncertainty, more), common=np.hypot(self.common, more))
 
     def within(self, possible: Range) -> FlightChannel:
-        """The same within what air can be, whatever a method made of its readings, but for readings that are given:
-        nothing that is possible is farther away than the farther end."""
+        """The same within what air can be, whatever a method made of its readings, but for readings that are given."""
         value = np.where(self.raw, self.value, np.clip(self.value, possible.low, possible.high))
-        farthest = np.maximum(value - possible.low, possible.high - value)
-        of_value = (np.minimum(one, farthest) for one in (self.uncertainty, self.common))
-        uncertainty, common = of_value
-        return replace(self, value=value, uncertainty=uncertainty, common=common)
+        # nothing that is possible is farther away than the farther end
+        most = np.maximum(value - possible.low, possible.high - value)
+        return replace(
+            self,
+            value=value,
+            uncertainty=np.minimum(self.uncertainty, most),
+            common=np.minimum(self.common, most),
+        )
 
     def given_nowhere(self, rows: Mask) -> FlightChannel:
         """The same without a value in some rows (n,)."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +14,6 @@ from shockrig.files.numbers import counted, short
 if TYPE_CHECKING:
     from shockrig.rig.logs.found import LogStep
     from shockrig.rig.logs.log_campaigns import Imported, SensorCampaign
-    from shockrig.rig.logs.mapping import LogMap
     from shockrig.rig.logs.sensor_logs import SensorLog
 
 
@@ -49,22 +48,22 @@ def look(args: argparse.Namespace) -> int:
         seen = look_at(args.logs, map_path, say)
         map_, text, logs, steps, not_used = seen.map, seen.text, list(seen.logs), list(seen.steps), seen.unused
     say("picture")
+    left_out = [unused(one, those, map_) for one, those in zip(logs, steps, strict=True)]
     with whole_folder(folder) as partial:
-        for one, those in zip(logs, steps, strict=True):
-            left_out = unused(one, those, map_)
-            used = [step.number not in left_out for step in those]
+        for one, those, why_not in zip(logs, steps, left_out, strict=True):
+            used = [step.number not in why_not for step in those]
             (partial / f"{one.log.path.stem}.png").write_bytes(figure_bytes(draw_log(one, those, used)))
         if text is not None:
             (partial / map_path.name).write_text(text, encoding="utf-8")
-    for one, those in zip(logs, steps, strict=True):
-        _say_log(one, those, map_)
+    for one, those, why_not in zip(logs, steps, left_out, strict=True):
+        _say_log(one, those, why_not)
     for said in not_used:
         print(f"  {said}")
     for one in logs:
         print(f"picture: {folder / f'{one.log.path.stem}.png'}")
     names = " ".join(str(path) for path in args.logs)
     print(f"map: {map_path}{' (check columns, units and steps in it)' if text is not None else ''}")
-    if any(len(unused(one, those, map_)) < len(those) for one, those in zip(logs, steps, strict=True)):
+    if any(len(why_not) < len(those) for those, why_not in zip(steps, left_out, strict=True)):
         print(f"next: shockrig import {names} --map {map_path} --out CAMPAIGN")
     else:
         print(
@@ -84,6 +83,7 @@ def import_by_map(args: argparse.Namespace) -> int:
     from shockrig.rig.logs.adding import with_more
     from shockrig.rig.logs.log_campaigns import describe, import_logs, write_runs
     from shockrig.rig.logs.map_file import read_map
+    from shockrig.rig.logs.runs import unused
 
     out: Path = args.out
     map_ = read_map(args.map)
@@ -122,7 +122,7 @@ def import_by_map(args: argparse.Namespace) -> int:
                     write_runs(partial, campaign.runs, first[campaign.sensor])
                 write_campaign(place, documents[campaign.sensor])
     for one, those in zip(imported.logs, imported.steps, strict=True):
-        _say_log(one, those, map_)
+        _say_log(one, those, unused(one, those, map_))
     for campaign in imported.campaigns:
         _say_campaign(campaign, wanted[campaign.sensor], first[campaign.sensor])
     _say_unknown(imported)
@@ -150,9 +150,8 @@ def sensors_said(names: Sequence[str]) -> str:
     return f"sensor{'' if len(names) == 1 else 's'} {', '.join(names)}"
 
 
-def _say_log(sensors: SensorLog, steps: Sequence[LogStep], map_: LogMap) -> None:
+def _say_log(sensors: SensorLog, steps: Sequence[LogStep], left_out: Mapping[int, str]) -> None:
     from shockrig.rig.logs.first_map import said_of
-    from shockrig.rig.logs.runs import unused
 
     log = sensors.log
     names = sensors_said(list(sensors.readings))
@@ -163,7 +162,6 @@ def _say_log(sensors: SensorLog, steps: Sequence[LogStep], map_: LogMap) -> None
         print(f"  time: {log.clock.doubt}")
     how = "stated by the map" if any(one.said is not None for one in steps) else "seen"
     print(f"  {counted(len(steps), 'step')} {how}")
-    left_out = unused(sensors, steps, map_)
     for one in steps:
         why = f"  not used: {left_out[one.number]}" if one.number in left_out else ""
         print(f"  {one.number:3d}  {_when(sensors, one)}{why}")

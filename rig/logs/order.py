@@ -73,9 +73,9 @@ def in_order(time_s: Array, values: Mapping[str, Array], lines: Sequence[int] | 
     number = np.asarray(lines)
     keep = np.isfinite(time_s)
     if not keep.all():
-        first = int(number[np.flatnonzero(~keep)[0]])
+        absent = np.flatnonzero(~keep)
         remarks.append(
-            f"{counted(int((~keep).sum()), 'row')} without a time left out ({in_line(int((~keep).sum()), first)})"
+            f"{counted(absent.size, 'row')} without a time left out ({in_line(absent.size, int(number[absent[0]]))})"
         )
     rows = np.flatnonzero(keep)
     if newest_first(time_s[rows]):
