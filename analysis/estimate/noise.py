@@ -114,7 +114,6 @@ OWN_SHARE = 0.4  # of a sensor's time to half of a step
 TINY_VARIANCE = 1e-12  # variance of what is nothing
 NO_COVARIANCE = 1e12  # deviance of a covariance that is none
 BEND_ORDER = 4  # order of the polynomial that a piece of a response is taken for
-EVEN_TO = 1e-3  # of a period: stamps that are as even are even
 KINKED_DEVIATIONS = (
     9.0  # median deviations above the median by which a piece of measured air departs from such a polynomial
 )
@@ -268,20 +267,19 @@ def whole_pieces(time_s: Array, value: Array, period_s: float, length: int) -> I
             continue
         place = np.append(0.0, np.cumsum(np.maximum(np.rint(np.diff(time_s[stretch]) / period_s), 1.0)))
         every = np.arange(place[-1] + 1.0)
-        when, filled = (np.interp(every, place, x[stretch]) for x in (time_s, value))
-        for i in range(0, filled.size - length + 1, length):
-            yield _evenly(when[i : i + length], filled[i : i + length], period_s)
+        whole = every.size // length * length
+        when, filled = (np.interp(every, place, x[stretch])[:whole].reshape(-1, length) for x in (time_s, value))
+        yield from _evenly(when, filled)
 
 
-def _evenly(time_s: Array, value: Array, period_s: float) -> Array:
-    """Readings (n,) as they would be had they been stamped evenly, where a polynomial goes through them."""
-    even_s = np.linspace(-1.0, 1.0, time_s.size) * 0.5 * (time_s.size - 1) * period_s
-    since_s = time_s - time_s.mean()
-    even_s = even_s * (even_s @ since_s) / (even_s @ even_s)
-    if np.abs(since_s - even_s).max() < EVEN_TO * period_s:
-        return value
-    curve = np.polynomial.Polynomial.fit(since_s, value, BEND_ORDER)
-    return np.asarray(value + curve(even_s) - curve(since_s))
+def _evenly(time_s: Array, pieces: Array) -> Array:
+    """Pieces (m, n) as they would have been read had they been stamped evenly: by how far each stamp is from the even
+    one, and how fast the polynomial goes there that fits each piece best."""
+    x = np.linspace(-1.0, 1.0, pieces.shape[1])
+    coefficients = pieces @ np.linalg.pinv(np.vander(x, BEND_ORDER + 1)).T
+    slope = coefficients[:, :-1] @ (np.vander(x, BEND_ORDER) * np.arange(BEND_ORDER, 0, -1)).T
+    since_s = time_s - time_s.mean(axis=1, keepdims=True)
+    return np.asarray(pieces + slope * (x - since_s * (x @ x) / (since_s @ x)[:, None]))
 
 
 @dataclass(frozen=True)

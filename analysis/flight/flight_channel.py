@@ -494,7 +494,7 @@ def _behind_slow_lags(readings: FlightReadings, air: Array) -> Array:
 REMEMBERED_LAGS = 5.0  # of the slowest time constant: what is left of a step is less than its hundredth
 READING_SIGMAS = 4.0  # of a reading's noise at either end
 LEAST_SHARE = 0.05
-BY_CHANCE = 0.05  # of what is believed to be none
+BY_CHANCE = 0.05  # probability of a coincidence that is not believed to be one
 MOST_SHARE = 0.8  # readings are noisy, and a sensor is seldom what its profile says to a fifth
 USUAL_TIMES = 2.0  # the median uncertainty, up to which a method is as certain as usual
 USUAL_NOISES = 3.0  # and up to so many times the reading's noise
