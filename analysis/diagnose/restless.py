@@ -265,8 +265,9 @@ def _gained(ends: _Ends, apart_hz: float, end: int) -> Array:
 
 
 def _spread(values: Array) -> float:
-    """Robust standard deviation."""
-    return MAD_TO_SIGMA * float(np.median(np.abs(values - np.median(values))))
+    """Robust standard deviation, by the quartiles: readings that go to and fro between two levels are half apart, where
+    the larger half of them differs by noise alone."""
+    return MAD_TO_SIGMA * 0.5 * float(np.subtract(*np.quantile(values, (0.75, 0.25))))
 
 
 def _amplitudes(pieces: Sequence[_Plateau], frequency_hz: Array) -> Array:

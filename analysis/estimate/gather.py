@@ -386,12 +386,16 @@ def _unfit(one: UsableRun, quantity: Quantity, tempo: float, half_s: float) -> s
 
 
 def _drift_before(one: UsableRun, quantity: Quantity, step: float) -> float:
-    """How far the plateau before a run's start drifts; 0 where it may be taken for level."""
+    """How far the plateau before a run's start drifts; 0 where it may be taken for level: its first and its last third
+    are no further apart than half of the readings are within them."""
     value = one.trace.values[quantity.column][one.trace.time_s < _before_s(one)]
+    if value.size < 2:
+        return 0.0
     third = max(value.size // 3, 1)
-    drift = float(np.median(value[-third:]) - np.median(value[:third])) if value.size > 1 else 0.0
+    low, middle, high = np.quantile([value[:third], value[-third:]], (0.25, 0.5, 0.75), axis=1)
+    drift = float(middle[1] - middle[0])
     share = 0.02 if _airs_known(one.run, quantity) else 0.05
-    return drift if abs(drift) > max(quantity.settled_within, share * step) else 0.0
+    return drift if abs(drift) > max(quantity.settled_within, share * step, *(high - low)) else 0.0
 
 
 def _before_s(one: UsableRun) -> float:

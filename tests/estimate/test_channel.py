@@ -149,6 +149,14 @@ def test_a_run_that_drifts_before_a_start_that_nobody_recorded_begins_in_its_res
     assert "not settled" in reason_of(run_of(drifting, TIME))
 
 
+def test_readings_that_go_to_and_fro_before_a_transfer_rest():
+    """Before: the medians of two thirds stood at two levels of a relay, and 28 of 36 runs were left out."""
+    swings = 1.4 * np.sign(np.sin(2.0 * np.pi * 0.49 * TIME + 1.0))
+    assert abs(np.median(swings[:33]) - np.median(swings[66:99])) > 2.0
+    (used,), left_out = usable_runs(campaign_of(run_of(lag(TIME) + swings, TIME)), "temperature")
+    assert not left_out and used.trace.time_s.size == TIME.size
+
+
 def test_a_response_that_is_over_in_three_readings_is_a_step():
     readings = np.concatenate([[0.0, -5.8, -6.6, -7.1, -7.4], np.linspace(-7.5, -8.7, 25)])
     assert estimate_start(20.0 * np.arange(readings.size), readings) == 0.0
