@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -105,12 +106,34 @@ def decide(
     _demand_sensors(goals, campaigns)
     usual = usual_of(next(iter(campaigns), None), goals, surroundings)
     campaigns = tuple(checked(one).campaign for one in campaigns)
+    decided = partial(_decided, campaigns, goals, usual, feasible, count, later, made, population, progress)
+    found = decided(before)
+    if found.status == INCONCLUSIVE and found.recorded:
+        # What is tied was found at an earlier look: all runs may say something else.
+        found = decided(replace(before, verdicts=found.verdicts), final=True)
+    return found
+
+
+def _decided(
+    campaigns: Sequence[Campaign],
+    goals: Goals,
+    usual: Usual,
+    feasible: Callable[[PlannedShock], bool],
+    count: int,
+    later: bool,
+    made: Mapping[Place, ChannelOutcome],
+    population: Population | None,
+    progress: Progress,
+    before: Decision,
+    final: bool = False,
+) -> Decision:
+    """What to record next after a decision; with `final` it rests on a diagnosis of all runs, come what may."""
     campaign = next(iter(campaigns), None)
     runs = () if campaign is None else campaign.runs
     spent = 0.0 if campaign is None else sum(spent_minutes(campaign).values())
     recorded = tuple(run.id for run in runs)
 
-    looks = _look(campaigns, before.verdicts, False, later, made, progress)
+    looks = _look(campaigns, before.verdicts, final, later, made, progress)
     known = _known(campaigns, looks.verdicts, goals, population, progress)
     met = all(t.met for t in known.wanted) and not any(v.tied for v in looks.verdicts.values())
     menu = known.menu(looks.disputes if goals.ties else None, usual, feasible)
