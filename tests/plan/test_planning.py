@@ -635,8 +635,8 @@ def test_ties_are_not_decided_while_a_channel_has_too_few_runs_to_be_judged(tmp_
 
 
 def test_it_does_not_end_inconclusive_between_causes_of_which_all_runs_bear_out_another(tmp_path):
-    """Before: of a film whose D depends on the humidity two others stood tied, since no run of the menu told them apart,
-    and the diagnosis of the same runs named the right one at 99 %."""
+    """Before: of a film whose D depends on the humidity two others stood tied, since no run of the menu told them
+    apart, and the diagnosis of the same runs named the right one at 99 %."""
     start = [COOL, WARM, COOL, WARM, COOL, WARM]
     slow = [replace(one, airflow_m_s=1.8) for one in (COOL, WARM)]
     bench = recorded(tmp_path, HEATED, [*start, *slow])
@@ -644,8 +644,8 @@ def test_it_does_not_end_inconclusive_between_causes_of_which_all_runs_bear_out_
     late = OFFSET | {"dead_time": {"delay_s": 0.01}}
     tied = Verdict("explained", 6, OFFSET, Dispute((OFFSET, late), recorded_then, (0.0, 0.0)), looks=1)
     before = Decision(recorded=recorded_then, verdicts={"temperature": tied})
-    goals = parse_goals("ties decided")
-    ended = decide([replace(one, sensors={"imet": {}}) for one in bench.seen()], goals, before, feasible=lambda _: False)
+    probes = [replace(one, sensors={"imet": {}}) for one in bench.seen()]
+    ended = decide(probes, parse_goals("ties decided"), before, feasible=lambda _: False)
     assert ended.verdicts["temperature"].named == ("self_heating",)
     assert "tied" not in ended.reason
 
