@@ -157,7 +157,9 @@ def _alike(rate: Array, since_s: Array) -> Iterator[tuple[NDArray[np.int64], int
 
 def _rows(array: Array, lead: tuple[int, ...]) -> Array:
     """An array (..., n) with its leading axes broadcast and made one."""
-    return np.broadcast_to(array, (*lead, array.shape[-1])).reshape(-1, array.shape[-1])
+    if array.shape[:-1] != lead:
+        array = np.broadcast_to(array, (*lead, array.shape[-1]))
+    return array.reshape(-1, array.shape[-1])
 
 
 def _scan(rate: Array, length_s: Array, slope: Array, state: Array) -> Array:

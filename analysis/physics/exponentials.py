@@ -46,6 +46,8 @@ class Modes:
     def ascending(self) -> Modes:
         """The same modes with rates ascending in k."""
         amplitude, rate = np.broadcast_arrays(self.amplitude, self.rate)
+        if (rate[..., 1:] >= rate[..., :-1]).all():
+            return Modes(amplitude, rate)
         order = np.argsort(rate, axis=-1, kind="stable")
         return Modes(np.take_along_axis(amplitude, order, -1), np.take_along_axis(rate, order, -1))
 

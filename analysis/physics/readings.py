@@ -144,9 +144,7 @@ def temperature_reading(chain: Chain) -> Array:
     for room in chain.rooms:
         excess = room.fraction * (room.temperature_c - chain.destination_c)
         reading = reading + excess[..., None] * _let_in(chain, response, room)
-    for run, air in _measured(chain):
-        trace = _off(chain, run, air.temperature_c)
-        _drive_by(chain, reading, run, response, air, trace, chain.time_s)
+    _drive(chain, reading, response, chain.time_s, lambda run, air: _off(chain, run, air.temperature_c))
     return reading
 
 
@@ -176,8 +174,7 @@ def _taken_up(chain: Chain) -> Array:
     for room in chain.rooms:
         excess = room.fraction * (room.humidity_percent * saturation_pressure_hpa(room.temperature_c) - destination_hpa)
         held = held + excess[..., None] * _let_in(chain, response, room)
-    for run, air in _measured(chain):
-        _drive_by(chain, held, run, response, air, _measured_vapour(chain, run, air), time)
+    _drive(chain, held, response, time, partial(_measured_vapour, chain))
     return held
 
 
@@ -233,11 +230,13 @@ def _taken_up_by_activity(chain: Chain) -> Array:
     period_s = chain.channel.reading_period_s
     reading = respond(own, knots, trace, chain.time_s, samples=chain.averaged, period_s=period_s)
     reading = np.array(np.broadcast_to(reading, shape))
-    for run, air in _measured(chain):
+
+    def measured_activity(run: int, air: MeasuredAir) -> Array:
         recorded, die = _dies(chain)[run]
         own_c = _known_temperature(chain, air, run) if die is None else np.interp(air.time_s, recorded, die)
-        seen = np.minimum(_measured_vapour(chain, run, air) / saturation_pressure_hpa(own_c), SATURATED_PERCENT)
-        _drive_by(chain, reading, run, response, air, seen, chain.time_s)
+        return np.minimum(_measured_vapour(chain, run, air) / saturation_pressure_hpa(own_c), SATURATED_PERCENT)
+
+    _drive(chain, reading, own, chain.time_s, measured_activity)
     return reading
 
 
@@ -310,18 +309,22 @@ def _known_temperature(chain: Chain, air: MeasuredAir, run: int) -> Array:
     return np.where(np.isfinite(air.temperature_c), air.temperature_c, chain.channel.conditions.destination_c[run])
 
 
-def _drive_by(
-    chain: Chain, out: Array, run: int, response: modes.Modes, air: MeasuredAir, trace: Array, at_s: Array
+def _drive(
+    chain: Chain, out: Array, response: modes.Modes, at_s: Array, trace_of: Callable[[int, MeasuredAir], Array]
 ) -> None:
-    """Put a run's response to its measured air (B, m) in its place in `out` (B, R, n)."""
-    amplitude, rate = (
-        x[..., min(run, x.shape[-2] - 1), :] if x.ndim > 1 else x for x in (response.amplitude, response.rate)
-    )
-    own = modes.slowest(modes.Modes(amplitude, rate), DRIVEN_MODES)
-    if air.lag_s > 0:
-        own = beside_lagging_reference(own, air.lag_s)
-    period_s = chain.channel.reading_period_s
-    out[:, run] = respond(own, air.time_s, trace, at_s[:, run], samples=chain.averaged, period_s=period_s)
+    """Put the responses to measured airs in their places in `out` (B, R, n), each to the trace (B, m) of its run."""
+    measured = _measured(chain)
+    slow = modes.slowest(response, DRIVEN_MODES) if measured else response
+    for run, air in measured:
+        own = modes.Modes(
+            *(x[..., min(run, x.shape[-2] - 1), :] if x.ndim > 1 else x for x in (slow.amplitude, slow.rate))
+        )
+        if air.lag_s > 0:
+            own = beside_lagging_reference(own, air.lag_s)
+        period_s = chain.channel.reading_period_s
+        out[:, run] = respond(
+            own, air.time_s, trace_of(run, air), at_s[:, run], samples=chain.averaged, period_s=period_s
+        )
 
 
 def _concentration_dependent(chain: Chain, slope: Array, source_hpa: Array) -> tuple[Array, Array, Array | None]:
