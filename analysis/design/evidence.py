@@ -135,11 +135,11 @@ def against(problem: Problem, base: Structure, dispute: Dispute) -> list[float]:
         return [0.0] * count
     part = replace(problem.select(seen), channel=problem.channel.select(seen).without_lost_ambients())
     is_old = old[seen]
-    fits = [_Fitted.of(part, is_old, fitted(part.select(is_old), e, base)) for e in dispute.explanations]
+    told = [_predicted_and_bound(part, is_old, fitted(part.select(is_old), e, base)) for e in dispute.explanations]
     degrees = dispute.degrees(channel.rates)
     out = []
-    for j, rival in enumerate(fits):
-        others = [student(0.5 * (rival.bound - other.predicted), degrees) for i, other in enumerate(fits) if i != j]
+    for j, (_, bound) in enumerate(told):
+        others = [student(0.5 * (bound - predicted), degrees) for i, (predicted, _) in enumerate(told) if i != j]
         out.append(float(np.logaddexp.reduce(others) - np.log(len(others))))
     return out
 
@@ -160,17 +160,15 @@ def student(log_ratio: float, degrees: int) -> float:
 # allowed.
 
 
-def expected(
-    problem: Problem, noise: Noise, fits: Sequence[Fit], dispute: Dispute, shocks: Sequence[PlannedShock]
-) -> tuple[Array, Array]:
+def expected(tied: OpenDispute, shocks: Sequence[PlannedShock]) -> tuple[Array, Array]:
     """ln E (K, K, M) that each run, made once, is expected to add for explanation i, were it true, against j; and the
     same without what j is allowed once, at the first run of a dispute: what each further run adds.
 
-    `fits` are those of the explanations that stand. A run at an ambient of which a film's rate is not known yet says
-    nothing.
+    A run at an ambient of which a film's rate is not known yet says nothing.
     """
-    channel = problem.channel
-    degrees, so_far = dispute.degrees(channel.rates), dispute.so_far
+    problem, noise, fits, dispute = tied
+    channel, so_far = problem.channel, dispute.so_far
+    degrees = dispute.degrees(channel.rates)
     old = np.isin(channel.run_ids, dispute.runs)
     found, each_further = np.zeros((2, len(fits), len(fits), len(shocks)))
     new = imagined(problem, noise, shocks, channel.ambients_c)
@@ -204,15 +202,14 @@ def _apart(difference: Array, there: Arrow, known: Array) -> Array:
     return np.maximum(left - (right * move[..., 0]).sum(axis=1), 0.0)
 
 
-def of_second_probe(
-    problem: Problem, noise: Noise, fits: Sequence[Fit], dispute: Dispute, shocks: Sequence[PlannedShock]
-) -> Array:
-    """ln E (K, M) that a second probe of the type, recorded beside the first in each run, adds to that, were
-    explanation i true, against the one that it hurts most.
+def of_second_probe(tied: OpenDispute, shocks: Sequence[PlannedShock]) -> Array:
+    """ln E (M,) that a second probe of the type, recorded beside the first in each run, adds to that, against the
+    explanation that it hurts most, whichever is the true one.
 
     It shows what the air does as the first one does, and none of the faults that are the first one's own. Its rate is
     its own, and so are its runs' random effects: what it says of a start that both share is not counted.
     """
+    problem, noise, fits, dispute = tied
     channel, degrees = problem.channel, dispute.degrees(problem.channel.rates)
     common = frozenset.intersection(*(frozenset(one.structure.ids) for one in fits))
     found = np.zeros((len(fits), len(fits), len(shocks)))
@@ -229,7 +226,7 @@ def of_second_probe(
             there = replace(at[j][1], weight=weight)
             twice = _apart(white[i] - white[j], there, known[j])
             found[i, j] = [student(0.5 * float(x), degrees) for x in twice]
-    return np.asarray(found.max(axis=1) * rates_known(channel, shocks))
+    return _averaged(found.max(axis=1) * rates_known(channel, shocks), dispute)
 
 
 def _as_of_second(found: Fit, common: frozenset[str]) -> tuple[Structure, list[int], Array]:
@@ -249,16 +246,16 @@ def _as_of_second(found: Fit, common: frozenset[str]) -> tuple[Structure, list[i
 def told_apart(disputes: Iterable[OpenDispute], shocks: Sequence[PlannedShock]) -> tuple[Array, Array, Array]:
     """Of all pairs of tied explanations `pairs`, `needed` and `evidence`, as `Designs` has them."""
     pairs, needed, evidence = [], [], np.zeros(len(shocks))
-    for open_ in disputes:
-        told, each_further = expected(*open_, shocks)
-        evidence = np.maximum(evidence, averaged(told.max(axis=1), open_.dispute))
+    for tied in disputes:
+        told, each_further = expected(tied, shocks)
+        evidence = np.maximum(evidence, _averaged(told.max(axis=1), tied.dispute))
         for i, j in permutations(range(len(told)), 2):
             pairs.append(np.maximum(each_further[i, j], 0.0))
-            needed.append(REJECTED_FROM - float(np.clip(open_.dispute.so_far[j], 0.0, MOST_TOLD)))
+            needed.append(REJECTED_FROM - float(np.clip(tied.dispute.so_far[j], 0.0, MOST_TOLD)))
     return np.array(pairs).reshape(len(pairs), len(shocks)), np.array(needed), evidence
 
 
-def averaged(told: Array, dispute: Dispute) -> Array:
+def _averaged(told: Array, dispute: Dispute) -> Array:
     """Mean (M,) over which explanation is true (K, M), each as likely as the evidence so far leaves it."""
     so_far = np.array(dispute.so_far)
     likely = np.exp(so_far.min() - so_far)
@@ -280,37 +277,28 @@ def _not_student(said: float, degrees: int) -> float:
     return 0.5 * degrees * float(np.expm1(2.0 * said / (degrees + 1))) if said > 0.0 else said
 
 
-@dataclass(frozen=True)
-class _Fitted:
-    """-2 ln of an explanation's predictive density of the new runs, and of the most that it can reach as a rival."""
+def _predicted_and_bound(problem: Problem, old: NDArray[np.bool_], rough: Fit) -> tuple[float, float]:
+    """-2 ln of an explanation's predictive density of the new runs, and of the most that it can reach as a rival.
 
-    predicted: float
-    bound: float
-
-    @classmethod
-    def of(cls, problem: Problem, old: NDArray[np.bool_], rough: Fit) -> _Fitted:
-        before, structure = problem.select(old), rough.structure
-        scatter = posterior_scatter([rough.own_rates()])
-        then = _fit(before.with_rate_scatter(scatter), structure, rough)
-        now = _fit(problem.with_rate_scatter(scatter), structure, then)
-        tempered = _fit(_tempered(problem.with_rate_scatter(scatter), old), structure, now)
-        added = 2.0 * nats(then.arrow.normal, now.arrow.normal, range(now.theta.size))
-        predicted = now.deviance - then.deviance + added
-        own = then.deviance - then.objective - float(prior_cost(np.array(then.rate_scatter)))
-        free = len(structure.parameters) + before.channel.rates
-        reached = tempered.deviance - float(prior_cost(np.array(scatter))) - (OLD_RUNS_POWER * then.objective + own)
-        return cls(float(predicted), float(reached + free * np.log1p(-OLD_RUNS_POWER)))
+    For the latter the old runs' likelihood, random effects integrated out, is raised to the power `OLD_RUNS_POWER`.
+    """
+    before, structure = problem.select(old), rough.structure
+    scatter = posterior_scatter([rough.own_rates()])
+    then = _fit(before.with_rate_scatter(scatter), structure, rough)
+    every = problem.with_rate_scatter(scatter)
+    now = _fit(every, structure, then)
+    weight = np.where(old, np.sqrt(OLD_RUNS_POWER), 1.0)
+    less = replace(every, whitener=every.whitener * weight[:, None, None], scatter=every.scatter / weight[:, None])
+    tempered = _fit(less, structure, now)
+    added = 2.0 * nats(then.arrow.normal, now.arrow.normal, range(now.theta.size))
+    predicted = now.deviance - then.deviance + added
+    own = then.deviance - then.objective - float(prior_cost(np.array(then.rate_scatter)))
+    free = len(structure.parameters) + before.channel.rates
+    reached = tempered.deviance - float(prior_cost(np.array(scatter))) - (OLD_RUNS_POWER * then.objective + own)
+    return float(predicted), float(reached + free * np.log1p(-OLD_RUNS_POWER))
 
 
 def _fit(problem: Problem, structure: Structure, near: Fit) -> Fit:
     """A fit at a held scatter of rates, from the parameters of another one."""
     theta = Model(problem.channel, structure).start(near.log_rates, near.choice)
     return fit(problem, structure, theta, adapt_scatter=False)
-
-
-def _tempered(problem: Problem, old: NDArray[np.bool_]) -> Problem:
-    """The problem with the old runs' likelihood, random effects integrated out, to the power `OLD_RUNS_POWER`."""
-    weight = np.where(old, np.sqrt(OLD_RUNS_POWER), 1.0)
-    return replace(
-        problem, whitener=problem.whitener * weight[:, None, None], scatter=problem.scatter / weight[:, None]
-    )

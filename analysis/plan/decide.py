@@ -18,7 +18,7 @@ from shockrig.analysis.characterize.result import Characterization
 from shockrig.analysis.checks.campaign_checks import checked
 from shockrig.analysis.design.choose import LEAST_GAIN, Choice, chase, choose_runs
 from shockrig.analysis.design.designs import Designs, KnownSoFar
-from shockrig.analysis.design.evidence import OpenDispute, averaged, of_second_probe
+from shockrig.analysis.design.evidence import OpenDispute, of_second_probe
 from shockrig.analysis.design.goals import QUANTITY_OF, Goals, Place, places
 from shockrig.analysis.design.minutes import learn, spent_minutes
 from shockrig.analysis.design.precision import Target, gained_by, measured, targets
@@ -187,7 +187,7 @@ def _with_second_probe(disputes: Sequence[OpenDispute], chosen: Sequence[Choice]
     shocks = [choice.shock for choice in chosen]
     more = np.zeros(len(shocks))
     for one in disputes if chosen else ():
-        more = np.maximum(more, averaged(of_second_probe(*one, shocks), one.dispute))
+        more = np.maximum(more, of_second_probe(one, shocks))
     return [replace(choice, beside=float(x)) for choice, x in zip(chosen, more, strict=True)]
 
 

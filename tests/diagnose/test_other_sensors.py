@@ -62,7 +62,7 @@ def test_what_its_reference_is_off_by_in_all_runs_is_not_the_sensor_s(tmp_path):
     rival = refit(found.problem, Structure((CATALOGUE["series_lag"],)), found.final)
     assert propose(found.problem, found.noise, [found.final, rival])
     dispute = OpenDispute.begun(found.problem, found.noise, [found.final, rival])
-    assert np.isfinite(expected(*dispute, [PlannedShock(40.0, 18.0, 20.0, 55.0)])).all()
+    assert np.isfinite(expected(dispute, [PlannedShock(40.0, 18.0, 20.0, 55.0)])).all()
 
 
 def test_runs_are_asked_for_in_a_chamber_that_is_colder_than_its_rounded_air(tmp_path):

@@ -18,8 +18,8 @@ from shockrig.analysis.design.designs import Designs
 from shockrig.analysis.design.evidence import (
     REJECTED_FROM,
     Dispute,
+    OpenDispute,
     against,
-    averaged,
     expected,
     of_second_probe,
     student,
@@ -241,14 +241,14 @@ def test_evidence_comes_from_runs_that_tell_the_explanations_apart(tmp_path):
     # what was expected of that run, before it was made, is about what came
     problem = ready.problem.select(np.isin(ready.problem.channel.run_ids, old))
     fits = [_fitted(problem, one) for one in (HEATING, OFFSET)]
-    once, further = expected(problem, ready.noise, fits, Dispute((HEATING, OFFSET), old, (0.0, 0.0)), [slow, COOL])
+    tied = OpenDispute(problem, ready.noise, fits, Dispute((HEATING, OFFSET), old, (0.0, 0.0)))
+    once, further = expected(tied, [slow, COOL])
     slowly, same = once[0, 1]
     assert told[1] == pytest.approx(slowly, rel=0.5) and same < 2.0
     # what an explanation is allowed at the first run of a dispute, no further one pays
     assert (further[0, 1] > once[0, 1]).all()
     # both are the sensor's own, of which a second one says nothing
-    nothing = of_second_probe(problem, ready.noise, fits, Dispute((HEATING, OFFSET), old, (0.0, 0.0)), [slow])
-    assert nothing == pytest.approx(0.0, abs=1e-9)
+    assert of_second_probe(tied, [slow]) == pytest.approx(0.0, abs=1e-9)
 
 
 def test_a_second_probe_tells_the_air_from_the_sensor(tmp_path):
@@ -260,7 +260,7 @@ def test_a_second_probe_tells_the_air_from_the_sensor(tmp_path):
     ready = prepare(build_channel(recorded(tmp_path, truth, [COOL, WARM] * 3).campaign(), "temperature"))
     _, *fits = (_fitted(ready.problem, one) for one in ({}, relaxing, stem))
     dispute = Dispute((relaxing, stem), ready.problem.channel.run_ids, (0.0, 0.0))
-    told = averaged(of_second_probe(ready.problem, ready.noise, fits, dispute, [COOL, WARM]), dispute)
+    told = of_second_probe(OpenDispute(ready.problem, ready.noise, fits, dispute), [COOL, WARM])
     for place, shock in enumerate((COOL, WARM)):
         # runs of another probe in the same air, where it shows and where it is left out
         beside = prepare(build_channel(recorded(tmp_path / f"{place}", truth, [shock] * 4).campaign(), "temperature"))
