@@ -9,7 +9,7 @@ import inspect
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
@@ -160,7 +160,7 @@ def _thresholds() -> dict[str, Any]:
 def number_of(place: str) -> Any:
     """The number that stands at a place, as a rule says it."""
     if place.startswith("level:"):
-        return _thresholds()[place[6:]].value
+        return _thresholds()[place[6:]]
     found = _owner(place)
     if found is None:
         raise ValueError(f"no number at {place}")
@@ -224,7 +224,7 @@ def without(rule: Rule | None) -> Iterator[None]:
             if place.startswith("level:"):
                 table, key = _thresholds(), place[6:]
                 undo.append((table.__setitem__, (key, table[key])))
-                table[key] = replace(table[key], value=value)
+                table[key] = value
                 continue
             found = _owner(place)
             assert found is not None

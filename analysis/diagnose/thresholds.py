@@ -4,41 +4,24 @@
 becomes of verdicts.
 """
 
-from __future__ import annotations
-
-from dataclasses import dataclass
-
-
-@dataclass(frozen=True)
-class DiagnosisThreshold:
-    """One number: its value and what it means."""
-
-    value: float
-    meaning: str
-
-
 THRESHOLDS = {
-    "effect": DiagnosisThreshold(
-        4.5, "nats against any further effect: what the best of the catalogue gains by chance"
-    ),
-    "form": DiagnosisThreshold(1.5, "nats against a form of the grammar beside an entry of the catalogue"),
-    "factor": DiagnosisThreshold(2.5, "nats against each condition that a form's strength depends on"),
-    "tie": DiagnosisThreshold(0.05, "share of the likeliest model's weight from which on another is tied with it"),
-    "named": DiagnosisThreshold(
-        0.75, "probability of one effect more from which on it is stated: a wrong name costs three"
-    ),
-    "adequacy": DiagnosisThreshold(1e-6, "probability below which what is left is no accident"),
-    "rate_scatter": DiagnosisThreshold(0.022, "scatter of the runs' rates that is an effect"),
-    "stated_scatter": DiagnosisThreshold(1.7, "by how much stated uncertainties may be exceeded"),
-    "held_out_excess": DiagnosisThreshold(2.0, "multiple of the noise that is no accident on unseen runs"),
-    "average_gain": DiagnosisThreshold(6.0, "drop in deviance of a running mean that noise hides"),
-    "average_unlikely": DiagnosisThreshold(40.0, "log-likelihood below which a length of a running mean is out"),
-    "hidden_noise": DiagnosisThreshold(0.5, "noise in steps that rounding hides"),
-    "not_gaussian": DiagnosisThreshold(1.5, "by how much codes say less than their variance"),
-    "anything": DiagnosisThreshold(2.0, "uncertainty, in its logarithm, of what may be anything"),
+    "effect": 4.5,  # nats against any further effect: what the best of the catalogue gains by chance
+    "form": 1.5,  # nats against a form of the grammar beside an entry of the catalogue
+    "factor": 2.5,  # nats against each condition that a form's strength depends on
+    "tie": 0.05,  # share of the likeliest model's weight from which on another is tied with it
+    "named": 0.75,  # probability of one effect more from which on it is stated: a wrong name costs three
+    "adequacy": 1e-6,  # probability below which what is left is no accident
+    "rate_scatter": 0.022,  # scatter of the runs' rates that is an effect
+    "stated_scatter": 1.7,  # by how much stated uncertainties may be exceeded
+    "held_out_excess": 2.0,  # multiple of the noise that is no accident on unseen runs
+    "average_gain": 6.0,  # drop in deviance of a running mean that noise hides
+    "average_unlikely": 40.0,  # log-likelihood below which a length of a running mean is out
+    "hidden_noise": 0.5,  # noise in steps that rounding hides
+    "not_gaussian": 1.5,  # by how much codes say less than their variance
+    "anything": 2.0,  # uncertainty, in its logarithm, of what may be anything
 }
 
 
 def level(name: str) -> float:
     """Value of an entry of the table."""
-    return THRESHOLDS[name].value
+    return THRESHOLDS[name]

@@ -12,7 +12,7 @@ from shockrig.analysis.diagnose.placing import plainly, run_errors
 from shockrig.analysis.diagnose.prepare import prepare
 from shockrig.analysis.diagnose.race import Race
 from shockrig.analysis.diagnose.search import search
-from shockrig.analysis.diagnose.thresholds import THRESHOLDS, DiagnosisThreshold
+from shockrig.analysis.diagnose.thresholds import THRESHOLDS
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.report.diagnosis_words import predicting_sentence
 from shockrig.files.campaign import read_campaign
@@ -47,7 +47,7 @@ def test_what_is_stated_predicts_where_nothing_is_left(channels):
 
 
 def test_an_effect_that_is_not_sure_enough_to_be_named_predicts_all_the_same(channels, monkeypatch):
-    monkeypatch.setitem(THRESHOLDS, "named", DiagnosisThreshold(1.1, "no effect is ever as probable"))
+    monkeypatch.setitem(THRESHOLDS, "named", 1.1)
     found = diagnose_channel(channels[0], describing=False)
     assert found.verdict == "unexplained" and found.causes == () and not found.final.structure.effects
     stated, own = found.predicting.errors
@@ -62,7 +62,7 @@ def test_an_effect_that_is_not_sure_enough_to_be_named_predicts_all_the_same(cha
 
 def test_what_leaves_less_predicts_though_the_verdict_is_that_nothing_is_left(channels, monkeypatch):
     """Before: of two runs one refuted the right model, and the next one that was stated predicted twice as badly."""
-    monkeypatch.setitem(THRESHOLDS, "named", DiagnosisThreshold(1.1, "no effect is ever as probable"))
+    monkeypatch.setitem(THRESHOLDS, "named", 1.1)
     monkeypatch.setattr(diagnose, "verdict", lambda standing: "explained")
     found = diagnose_channel(channels[0], describing=False)
     stated, own = found.predicting.errors
@@ -71,7 +71,7 @@ def test_what_leaves_less_predicts_though_the_verdict_is_that_nothing_is_left(ch
 
 def test_what_is_adequate_predicts_as_it_stands(channels, monkeypatch):
     """Before: a ceiling at 43 %RH left 2 % less of six runs, and other runs were missed by 60 times the noise."""
-    monkeypatch.setitem(THRESHOLDS, "named", DiagnosisThreshold(1.1, "no effect is ever as probable"))
+    monkeypatch.setitem(THRESHOLDS, "named", 1.1)
     monkeypatch.setattr(diagnose, "verdict", lambda standing: "adequate")
     found = diagnose_channel(channels[0], describing=False)
     assert found.verdict == "adequate" and found.predicting.model is found.search.best
@@ -80,7 +80,7 @@ def test_what_is_adequate_predicts_as_it_stands(channels, monkeypatch):
 
 def test_of_models_that_leave_as_little_the_likeliest_predicts(channels, monkeypatch):
     """Before: that which left least, by whatever little, and so mostly the one that took most to do it."""
-    monkeypatch.setitem(THRESHOLDS, "named", DiagnosisThreshold(1.1, "no effect is ever as probable"))
+    monkeypatch.setitem(THRESHOLDS, "named", 1.1)
     found = diagnose_channel(channels[0], describing=False)
     heavy = [one.ids for one, _ in found.search.predictors[:4]]
     assert len(heavy) == 4 and found.predicting.model.ids == heavy[0]
@@ -89,7 +89,7 @@ def test_of_models_that_leave_as_little_the_likeliest_predicts(channels, monkeyp
 def test_what_rates_depend_on_predicts_though_runs_with_rates_of_their_own_hide_it(tmp_path, monkeypatch):
     """Where each run may be as fast as it is, a film that the airflow wears leaves no less than none."""
     campaign = record_small(tmp_path / "campaign", 3, [Hidden("convective_film", {"biot_at_5_m_s": 0.03})])
-    monkeypatch.setitem(THRESHOLDS, "named", DiagnosisThreshold(1.1, "no effect is ever as probable"))
+    monkeypatch.setitem(THRESHOLDS, "named", 1.1)
     monkeypatch.setattr(predicting, "MOST_PREDICTING", 1)
     found = diagnose_channel(build_channel(campaign, "temperature"), describing=False)
     assert found.causes == () and "convective_film" in found.predicting.model.ids
