@@ -12,9 +12,9 @@ from scipy.special import ndtr
 from shockrig.analysis.design.designs import Designs
 from shockrig.analysis.design.evidence import REJECTED_FROM
 from shockrig.analysis.design.information import nats
-from shockrig.analysis.design.minutes import Airs, Minutes, airs_of, airs_of_run
+from shockrig.analysis.design.minutes import Minutes, airs_of_run
 from shockrig.analysis.design.precision import FEWEST_RUNS, Target
-from shockrig.analysis.design.shock import PlannedShock
+from shockrig.analysis.design.shock import Airs, PlannedShock
 from shockrig.analysis.design.varied import farthest, is_again
 from shockrig.files.campaign import Run
 
@@ -80,8 +80,7 @@ def choose_runs(
         bonus = designs.varied([one.shock for one in chosen])
         options = [_weighed(designs, m, bonus[m, 0], minutes, airs) for m in range(len(designs.menu))]
         twice = [
-            _weighed(designs.after(m), m, bonus[m, 1], minutes, airs_of(shock))
-            for m, shock in enumerate(designs.choosable)
+            _weighed(designs.after(m), m, bonus[m, 1], minutes, shock.airs) for m, shock in enumerate(designs.choosable)
         ]
         rates = [max(one.per_minute, (one.worth + two.worth) / (one.minutes + two.minutes))
                  for one, two in zip(options, twice, strict=False)]  # fmt: skip
@@ -96,7 +95,7 @@ def choose_runs(
             others = sorted((i for i in range(len(rates)) if i != m), key=lambda i: -rates[i])
             considered = (options[m], *(options[i] for i in others[: OPTIONS_SHOWN - 1]))
         chosen.append(options[m])
-        designs, airs = designs.after(m), airs_of(designs.menu[m])
+        designs, airs = designs.after(m), designs.menu[m].airs
     return chosen, considered
 
 

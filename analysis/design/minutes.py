@@ -16,11 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from shockrig.analysis.design.shock import PlannedShock
+from shockrig.analysis.design.shock import Airs, PlannedShock
 from shockrig.files.campaign import Campaign, Run
 
 Array = NDArray[np.float64]
-Airs = tuple[float, float, float, float]  # source degC and %RH, destination degC and %RH
 
 # Between two records, in s: for a stage's way back and a soak's least; for 1 K and 1 %RH of either chamber; for 1 %RH
 # between where the probes were and where they start from. Chambers do 1 to 3 K/min and more %RH.
@@ -32,24 +31,17 @@ LONGEST_BETWEEN_S = 3 * 3600.0  # more is a pause, not a move, however slow the 
 
 @dataclass(frozen=True)
 class Minutes:
-    """Seconds between records for one unit of each feature, and how many moves they rest on."""
+    """Seconds between records for one unit of each feature."""
 
     coefficients: Array
-    moves: int
 
-    def between_s(self, before: Airs | None, shock: PlannedShock) -> float:
-        """From the end of one record to the start of the next [s]; `before` None is a bench that stands still."""
-        after = airs_of(shock)
-        return float(_features(after if before is None else before, after) @ self.coefficients)
+    def between_s(self, before: Airs, after: Airs) -> float:
+        """From the end of one record to the start of the next [s]."""
+        return float(_features(before, after) @ self.coefficients)
 
     def of(self, before: Airs | None, shock: PlannedShock) -> float:
-        """Bench minutes of a run with everything that comes before it."""
-        return (self.between_s(before, shock) + shock.recorded_s) / 60.0
-
-
-def airs_of(shock: PlannedShock) -> Airs:
-    """The two airs of a planned run."""
-    return (shock.source_c, shock.source_percent, shock.destination_c, shock.destination_percent)
+        """Bench minutes of a run with everything that comes before it; `before` None is a bench that stands still."""
+        return (self.between_s(shock.airs if before is None else before, shock.airs) + shock.recorded_s) / 60.0
 
 
 def airs_of_run(run: Run) -> Airs | None:
@@ -67,21 +59,21 @@ def _features(before: Airs, after: Airs) -> Array:
 
 def learn(campaign: Campaign | None) -> Minutes:
     """The bench's minutes from a campaign's own moves; what is usual where it has none."""
-    moves = list({} if campaign is None else _moves(campaign.runs).values())
-    if not moves:
-        return Minutes(USUAL_BETWEEN_RECORDS, 0)
-    features, between_s = (np.array(each) for each in zip(*moves, strict=True))
+    seen = list({} if campaign is None else moves(campaign.runs).values())
+    if not seen:
+        return Minutes(USUAL_BETWEEN_RECORDS)
+    features, between_s = (np.array(each) for each in zip(*seen, strict=True))
     # Each coefficient as a multiple of the usual one, drawn towards 1.
     scaled = features * USUAL_BETWEEN_RECORDS
     # Errors go with the time: a long travel must not drown the rest.
     size = np.maximum(between_s, 1.0)[:, None]
     weights = np.full(USUAL_BETWEEN_RECORDS.size, HOW_SURE / np.sqrt(USUAL_BETWEEN_RECORDS.size))
     design = np.vstack([scaled / size, np.diag(weights)])
-    found, _ = nnls(design, np.concatenate([np.ones(len(moves)), weights]))
-    return Minutes(found * USUAL_BETWEEN_RECORDS, len(moves))
+    found, _ = nnls(design, np.concatenate([np.ones(len(seen)), weights]))
+    return Minutes(found * USUAL_BETWEEN_RECORDS)
 
 
-def _moves(runs: Sequence[Run]) -> dict[str, tuple[Array, float]]:
+def moves(runs: Sequence[Run]) -> dict[str, tuple[Array, float]]:
     """Features of the moves between records and how long each took [s], by the id of the run that it leads to, without
     those in which the bench stood idle.
 
@@ -90,18 +82,18 @@ def _moves(runs: Sequence[Run]) -> dict[str, tuple[Array, float]]:
     """
     began_of = [(began, run) for run in runs if (began := _began(run)) is not None]
     timed = sorted(began_of, key=lambda one: (one[0], one[1].id))
-    moves = dict[str, tuple[Array, float, float]]()
+    found = dict[str, tuple[Array, float, float]]()
     for (began, run), (next_, later) in zip(timed, timed[1:], strict=False):
         before, after = airs_of_run(run), airs_of_run(later)
         between_s = next_ - began - recorded_s(run)
         same_session = run.extra.get("session") == later.extra.get("session")
         if before is not None and after is not None and same_session and 0.0 < between_s < LONGEST_BETWEEN_S:
-            moves[later.id] = _features(before, after), between_s, recorded_s(later)
+            found[later.id] = _features(before, after), between_s, recorded_s(later)
     # The lower median, with what is usual: of two that differ the longer one is taken for idle until a third comes.
-    common_s = median_low([USUAL_BETWEEN_RECORDS[0], *(between_s for _, between_s, _ in moves.values())])
+    common_s = median_low([USUAL_BETWEEN_RECORDS[0], *(between_s for _, between_s, _ in found.values())])
     return {
         id_: (features, between_s)
-        for id_, (features, between_s, record_s) in moves.items()
+        for id_, (features, between_s, record_s) in found.items()
         if between_s <= 2.0 * max(common_s, float(features @ SLOWEST_BETWEEN_RECORDS)) + record_s
     }
 
@@ -121,16 +113,15 @@ def recorded_s(run: Run) -> float:
 def spent_minutes(campaign: Campaign) -> dict[str, float]:
     """Bench minutes of each run, by id: from the end of the record before it; as learnt where that is not known, or the
     bench stood idle."""
-    learnt, moves = learn(campaign), _moves(campaign.runs)
+    learnt, seen = learn(campaign), moves(campaign.runs)
     taken: dict[str, float] = {}
-    before: Run | None = None
+    before: Airs | None = None
     for run in sorted(campaign.runs, key=lambda run: (_began(run) or 0.0, run.id)):
-        between_s = float(learnt.coefficients[0])
-        airs = None if before is None else airs_of_run(before), airs_of_run(run)
-        if run.id in moves:
-            _, between_s = moves[run.id]
-        elif airs[0] is not None and airs[1] is not None:
-            between_s = float(_features(airs[0], airs[1]) @ learnt.coefficients)
+        between_s, after = float(learnt.coefficients[0]), airs_of_run(run)
+        if run.id in seen:
+            _, between_s = seen[run.id]
+        elif before is not None and after is not None:
+            between_s = learnt.between_s(before, after)
         taken[run.id] = (between_s + recorded_s(run)) / 60.0
-        before = run
+        before = after
     return taken

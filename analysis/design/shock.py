@@ -19,6 +19,7 @@ LONG_S, LONGEST_S = 70.0, 150.0  # of a record after the transfer that shows slo
 SHORTEST_S = 8.0
 SLOWED_S = 2.0
 SLOWEST_M_S = 0.7  # that a fan keeps steady
+Airs = tuple[float, float, float, float]  # source degC and %RH, destination degC and %RH
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,11 @@ class PlannedShock:
     irradiance_w_m2: float = 0.0
     lead_s: float = LEAD_S
     why: str = field(default="", compare=False)
+
+    @property
+    def airs(self) -> Airs:
+        """Both."""
+        return self.source_c, self.source_percent, self.destination_c, self.destination_percent
 
     @property
     def isothermal(self) -> bool:

@@ -26,7 +26,7 @@ from shockrig.analysis.design.evidence import (
 )
 from shockrig.analysis.design.goals import Goals, Precision, parse_goals
 from shockrig.analysis.design.information import information, nats
-from shockrig.analysis.design.minutes import USUAL_BETWEEN_RECORDS, airs_of, learn, spent_minutes
+from shockrig.analysis.design.minutes import USUAL_BETWEEN_RECORDS, learn, moves, spent_minutes
 from shockrig.analysis.design.precision import Target, gained_by, measured, targets
 from shockrig.analysis.design.shock import PlannedShock, Surroundings, Usual, deciding_menu, opening, precision_menu
 from shockrig.analysis.design.varied import farthest, variety
@@ -133,8 +133,8 @@ def test_minutes_are_learnt_from_the_bench_itself(tmp_path):
     bench = recorded(tmp_path, QUIET, [near, far, near, far, near, near, near], travel_s_per_k=5.0)
     learnt = learn(bench.campaign())
     here = (20.0, 20.0, 20.0, 80.0)
-    stay, travel = learnt.between_s(here, near), learnt.between_s(here, far)
-    assert learnt.moves == 6
+    stay, travel = learnt.between_s(here, near.airs), learnt.between_s(here, far.airs)
+    assert len(moves(bench.campaign().runs)) == 6
     assert travel - stay == pytest.approx(50.0, rel=0.15)
     film_s = 4.0 * QUIET.film_thickness_m**2 / (np.pi**2 * float(QUIET.diffusivity_m2_s(20.0)))
     assert stay == pytest.approx(14.0 + film_s * np.log(600.0), rel=0.15)
@@ -142,7 +142,7 @@ def test_minutes_are_learnt_from_the_bench_itself(tmp_path):
 
 
 def test_a_bench_of_which_nothing_is_known_is_taken_for_a_usual_one():
-    assert learn(None).moves == 0 and (learn(None).coefficients == USUAL_BETWEEN_RECORDS).all()
+    assert (learn(None).coefficients == USUAL_BETWEEN_RECORDS).all()
 
 
 # ---- what a run would tell
@@ -507,7 +507,8 @@ def test_a_lunch_break_is_not_spent_and_teaches_nothing(finished):
     straight = at_hours(campaign, 0.1 * np.arange(runs))
     lunch = at_hours(campaign, 0.1 * np.arange(runs) + np.where(np.arange(runs) >= 3, 1.0, 0.0))
     assert sum(spent_minutes(lunch).values()) == pytest.approx(sum(spent_minutes(straight).values()), abs=6.0)
-    assert learn(lunch).moves == learn(straight).moves - 1 and set(spent_minutes(lunch)) == set(spent_minutes(straight))
+    assert len(moves(lunch.runs)) == len(moves(straight.runs)) - 1
+    assert set(spent_minutes(lunch)) == set(spent_minutes(straight))
 
 
 def test_an_empty_campaign_begins_with_both_quantities_and_a_veto_is_kept(finished):
@@ -569,7 +570,7 @@ def test_a_run_is_worth_what_two_of_its_kind_bring():
     far = replace(UP, source_c=40.0, destination_c=40.0, why="far")
     menu, worth = (replace(UP, why="near"), far), np.array([[0.27, 0.0], [0.5, 0.5]])
     minutes = learn(None)
-    there = [minutes.of(airs_of(UP), shock) for shock in menu]
+    there = [minutes.of(UP.airs, shock) for shock in menu]
     assert 0.27 / there[0] > 0.5 / there[1]
     designs = Designs(menu, None, (), np.zeros((0, 2)), np.zeros(0), np.zeros(2), lambda planned: worth)
     here = Run("0001", RunAir(20.0, 20.0), RunAir(20.0, 80.0), 6.0, 1013.25, 6.0, None, None, None)
