@@ -29,8 +29,9 @@ from loop_twins import BOTH, PAIRS, RUNS_OF_START, START
 from sensitivity import changed, shown
 
 from shockrig.analysis.checks.campaign_checks import checked
-from shockrig.analysis.diagnose.diagnose import diagnose_channel, next_experiments
+from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis
+from shockrig.analysis.diagnose.next_experiments import next_experiments
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.batch import simulate_campaign

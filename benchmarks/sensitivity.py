@@ -48,8 +48,9 @@ from shockrig.analysis.checks.campaign_checks import checked
 from shockrig.analysis.design.goals import parse_goals
 from shockrig.analysis.design.shock import PlannedShock
 from shockrig.analysis.diagnose import diagnose as diagnosing
-from shockrig.analysis.diagnose.diagnose import diagnose_channel, next_experiments
+from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis, ChannelOutcome, outcome_of
+from shockrig.analysis.diagnose.next_experiments import next_experiments
 from shockrig.analysis.diagnose.restless import bursts, without_hums
 from shockrig.analysis.diagnose.search import search
 from shockrig.analysis.diagnose.thresholds import THRESHOLDS

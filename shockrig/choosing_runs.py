@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from shockrig.analysis.diagnose.diagnose import next_experiments
+from shockrig.analysis.diagnose.next_experiments import next_experiments
 from shockrig.analysis.report.next_time import next_time
 from shockrig.channels import Channels, of_campaign, only
 from shockrig.files import result_views as views

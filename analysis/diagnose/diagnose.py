@@ -16,10 +16,10 @@ from shockrig.analysis.characterize.shifts import widened
 from shockrig.analysis.checks.campaign_checks import Checked, checked
 from shockrig.analysis.checks.finding import InputFinding
 from shockrig.analysis.diagnose.adequacy import judge
+from shockrig.analysis.diagnose.cannot_tell import cannot_tell, left_open, mostly_unsettled
 from shockrig.analysis.diagnose.diagnosed import NO_STEP, ChannelDiagnosis, Diagnosis, Predicting
-from shockrig.analysis.diagnose.experiments import propose, unseen
 from shockrig.analysis.diagnose.gain import Gain, HeldOutPart, held_out_parts, measure_gain
-from shockrig.analysis.diagnose.open_questions import cannot_tell, left_open, mostly_unsettled
+from shockrig.analysis.diagnose.next_experiments import next_experiments
 from shockrig.analysis.diagnose.pool import Search
 from shockrig.analysis.diagnose.predicting import outdone, predicting_model
 from shockrig.analysis.diagnose.prepare import Prepared, likelier_average, prepare, with_rounding
@@ -247,10 +247,3 @@ def _why_not(campaign: Campaign, name: ChannelName) -> str:
     # The runs with a step may be those that were left out, as where the sensor was at its rail.
     reasons = Counter(entry.reason for entry in left_out).most_common(1)
     return "; ".join([NO_STEP, *(f"{counted(len(left_out), 'run')} left out: {reason}" for reason, _ in reasons)])
-
-
-def next_experiments(channel: ChannelDiagnosis) -> list[dict[str, object]]:
-    """Runs that would tell the channel's tied explanations apart; empty where nothing is tied."""
-    tied = [one.fit for one in (channel.search.best, *channel.search.rivals())]
-    described = channel.verdict == "described" and channel.final.structure.effects
-    return [*propose(channel.problem, channel.noise, tied), *(unseen(channel.problem.channel) if described else [])]

@@ -7,7 +7,7 @@ from small_worlds import small_plan
 
 from shockrig.analysis.diagnose import race as racing
 from shockrig.analysis.diagnose.candidates import candidates
-from shockrig.analysis.diagnose.open_questions import left_open
+from shockrig.analysis.diagnose.cannot_tell import left_open
 from shockrig.analysis.diagnose.prepare import prepare
 from shockrig.analysis.diagnose.race import Race
 from shockrig.analysis.diagnose.refitting import plain_fit

@@ -11,7 +11,7 @@ from small_worlds import record as record_small
 from shockrig.analysis.design.evidence import OpenDispute, expected
 from shockrig.analysis.design.shock import SLOWEST_M_S, PlannedShock
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
-from shockrig.analysis.diagnose.experiments import propose, unseen
+from shockrig.analysis.diagnose.next_experiments import propose, unseen
 from shockrig.analysis.diagnose.refitting import plain_fit, refit
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.channel import FINE_BIN_WIDTHS, edges_after_transfer, fine_width

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from shockrig.analysis.characterize.characterize import characterize
-from shockrig.analysis.diagnose.open_questions import cannot_tell
+from shockrig.analysis.diagnose.cannot_tell import cannot_tell
 from shockrig.analysis.estimate.channel import bin_means, group_ambients
 from shockrig.analysis.estimate.gather import build_channel, usable_runs
 from shockrig.analysis.estimate.seen import seen

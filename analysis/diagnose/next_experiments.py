@@ -1,4 +1,4 @@
-"""Runs that would best tell apart what a campaign cannot, chosen as a plan chooses them."""
+"""The runs that a diagnosis asks for: those that best tell apart what its campaign cannot, as a plan chooses them."""
 
 from __future__ import annotations
 
@@ -15,12 +15,20 @@ from shockrig.analysis.design.minutes import learn
 from shockrig.analysis.design.precision import FEWEST_RUNS
 from shockrig.analysis.design.shock import SLOWEST_M_S, USUAL_C, PlannedShock, Usual, deciding_menu, opening
 from shockrig.analysis.design.varied import usual
+from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import Fit
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.problem import Problem
 
 MOST_ASKED = 2  # kinds of runs
+
+
+def next_experiments(found: ChannelDiagnosis) -> list[dict[str, Any]]:
+    """Runs that would tell a channel's tied explanations apart; empty where nothing is tied."""
+    tied = [one.fit for one in (found.search.best, *found.search.rivals())]
+    described = found.verdict == "described" and found.final.structure.effects
+    return [*propose(found.problem, found.noise, tied), *(unseen(found.problem.channel) if described else [])]
 
 
 def propose(problem: Problem, noise: Noise, tied: Sequence[Fit]) -> list[dict[str, Any]]:
