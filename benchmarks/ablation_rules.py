@@ -122,7 +122,7 @@ RULES = (
     Rule("no memory without end", "noise remembers 0.995 at most", {f"{N}LONGEST_MEMORY": 1.0 - 1e-9}),
     Rule("kinks", "a piece with a kink is no plateau", {f"{N}KINKED_DEVIATIONS": INF}),
     # Runs held out.
-    Rule("placed", "a held-out run's own start and airs, within 2 sigma", {"diagnose.placing.PLACED_WITHIN": 0.0}),
+    Rule("placed", "a held-out run's own start and airs, within 2 sigma", {"diagnose.held_out.PLACED_WITHIN": 0.0}),
     Rule("untold", "no prediction by a part that does not tell the rate", {f"{G}UNTOLD_SIGMA": INF}),
     # What runs are used, and what may vary between them.
     Rule("slight steps", "a run of a tenth of the largest step is left out", {f"{E}gather.SLIGHT_STEP": 0.0}),

@@ -80,7 +80,7 @@ def trial(
 def gain_on(campaign, found) -> float | None:
     """Share of the explainable error that a channel's extension, as fitted, removes on another campaign's runs."""
     from shockrig.analysis.diagnose.gain import kinds, summarise
-    from shockrig.analysis.diagnose.placing import plainly, run_errors
+    from shockrig.analysis.diagnose.held_out import plainly, run_errors
     from shockrig.analysis.diagnose.prepare import prepare
     from shockrig.analysis.estimate.gather import build_channel
 

@@ -156,7 +156,7 @@ def run(kind: str, effect: str, channel: str, seed: int, tier: str) -> dict:
 def fresh_gain(channel: Channel | None, found: ChannelDiagnosis) -> float | None:
     """Share of the explainable error that the description, as fitted, removes on a fresh campaign of the same world."""
     from shockrig.analysis.diagnose.gain import kinds, summarise
-    from shockrig.analysis.diagnose.placing import plainly, run_errors
+    from shockrig.analysis.diagnose.held_out import plainly, run_errors
     from shockrig.analysis.diagnose.prepare import prepare
 
     if channel is None or channel.rates != found.problem.channel.rates:
@@ -169,7 +169,7 @@ def fresh_gain(channel: Channel | None, found: ChannelDiagnosis) -> float | None
 
 def errors(channel: Channel | None, found: ChannelDiagnosis) -> tuple[float, float] | None:
     """Root-mean-square error on a campaign without and with what was described."""
-    from shockrig.analysis.diagnose.placing import run_errors
+    from shockrig.analysis.diagnose.held_out import run_errors
     from shockrig.analysis.diagnose.prepare import prepare
 
     if channel is None or channel.rates != found.problem.channel.rates:

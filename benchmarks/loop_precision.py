@@ -26,7 +26,7 @@ from scipy.stats import spearmanr
 
 from shockrig.analysis.characterize.characterize import characterize
 from shockrig.analysis.design.goals import parse_goals
-from shockrig.analysis.design.precision import measured, targets
+from shockrig.analysis.design.targets import measured, targets
 from shockrig.analysis.plan.decide import decide
 from shockrig.analysis.plan.decision import CONTINUE, log_entry
 from shockrig.files.campaign import read_campaign

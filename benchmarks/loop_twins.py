@@ -28,7 +28,7 @@ from loop_bench import FileBench, Waiting, commit
 from scipy.stats import spearmanr
 
 from shockrig.analysis.design.goals import parse_goals
-from shockrig.analysis.design.shock import PlannedShock, Surroundings, Usual, deciding_menu
+from shockrig.analysis.design.menu import PlannedShock, Surroundings, Usual, deciding_menu
 from shockrig.analysis.plan.decide import decide
 from shockrig.analysis.plan.decision import CONTINUE, log_entry
 from shockrig.rig.virtual.hide import draw_effect

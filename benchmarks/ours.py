@@ -104,7 +104,7 @@ def _characterize(outcome: Outcome, campaign: Path, seed: int) -> None:
 def _diagnose(outcome: Outcome, campaign: Path, seed: int, exact: bool) -> None:
     from shockrig.analysis.diagnose.diagnose import diagnose
     from shockrig.analysis.diagnose.diagnosed import to_json
-    from shockrig.analysis.diagnose.extended import extended_profile, extended_result
+    from shockrig.analysis.diagnose.extended_profile import extended_profile, extended_result
     from shockrig.analysis.diagnose.remainder import Tolerance
     from shockrig.files.campaign import read_campaign
 
@@ -141,7 +141,7 @@ def fresh_run_errors(outcome: Outcome, campaign: str | Path, channel: str) -> tu
     """The same as mean squares of each run of that campaign (R,); NaN for those that a diagnosis leaves out."""
     import numpy as np
 
-    from shockrig.analysis.diagnose.placing import plainly, run_errors
+    from shockrig.analysis.diagnose.held_out import plainly, run_errors
     from shockrig.analysis.diagnose.prepare import prepare
     from shockrig.analysis.estimate.gather import build_channel
     from shockrig.files.campaign import read_campaign

@@ -4,7 +4,7 @@ Poor starts, one effect hidden in each: four equal runs of the pairs of `loop_tw
 at one airflow. What each proposal asks for, and what is said before and after, is a line.
 
     python benchmarks/proposals.py --twins 701 702 --airflow 3 4 5 6 7 8
-    python benchmarks/proposals.py --twins 701 --numbers design.choose.LEAST_GAIN design.shock.LONG_S
+    python benchmarks/proposals.py --twins 701 --numbers design.choose.LEAST_GAIN design.menu.LONG_S
 
 With `--numbers` each of them is halved and doubled in turn (`sensitivity.py` says which there are): of how many worlds
 other runs are asked for than with all numbers as they are, and what comes of them. Diagnoses do not read these numbers:

@@ -4,7 +4,7 @@
         [--out FILE.jsonl]
 
 A number is an entry of the table of thresholds (`level:effect`) or a constant of any module
-(`diagnose.restless.TURN_CELLS`). Campaigns are rough ones of the standard plan:
+(`diagnose.hums.TURN_CELLS`). Campaigns are rough ones of the standard plan:
 
     hidden   a third plain, a third with one effect, a third with two
     logger   with a mean, repeats or coarse steps of the logger in one channel, which is looked at
@@ -46,12 +46,12 @@ from resumed import scored
 
 from shockrig.analysis.checks.campaign_checks import checked
 from shockrig.analysis.design.goals import parse_goals
-from shockrig.analysis.design.shock import PlannedShock
+from shockrig.analysis.design.menu import PlannedShock
 from shockrig.analysis.diagnose import diagnose as diagnosing
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis, ChannelOutcome, outcome_of
+from shockrig.analysis.diagnose.hums import bursts, without_hums
 from shockrig.analysis.diagnose.next_experiments import next_experiments
-from shockrig.analysis.diagnose.restless import bursts, without_hums
 from shockrig.analysis.diagnose.search import search
 from shockrig.analysis.diagnose.thresholds import THRESHOLDS
 from shockrig.analysis.estimate.channel import rebin
@@ -64,7 +64,7 @@ from shockrig.analysis.plan.decide import decide
 from shockrig.analysis.plan.decide_flight import advice, ranked
 from shockrig.analysis.plan.decision import CONTINUE
 from shockrig.analysis.plan.flight_plan import words
-from shockrig.analysis.plan.judged import FEWEST_JUDGED, Verdict, look_at
+from shockrig.analysis.plan.look import FEWEST_JUDGED, Verdict, look_at
 from shockrig.files.campaign import Campaign, read_campaign
 from shockrig.files.learned import read_learned
 from shockrig.rig.virtual.batch import simulate_campaign
@@ -89,7 +89,7 @@ WARM, DESCENT = (["ventilated_warmth"], {"rise_k_at_5_m_s": 0.3}), (["offset_in_
 NOTHING: tuple[list[str], dict[str, float]] = ([], {})
 RIVALS = ((LAG, SECOND_PATH), (NOTHING, WARM), (NOTHING, DESCENT), (LAG, NOTHING))
 AIR_AND_NOISE = (0.5, 0.1, 0.1, 0.1, 0.03, 0.01)  # standard deviations of what a flight's own numbers say
-RESTLESS = (
+OF_HUMS = (
     "LEAST_P_VALUE", "LEAST_PLATEAU", "LONGEST_S", "PER_WIDTH", "LINE_TURNS", "SEEN_SQUARE", "FINE_FACTOR",
     "BESIDE_WIDTHS", "AROUND_WIDTHS", "LEFT_OUT_SIGMAS", "BURST_SIGMAS", "A_HANDFUL",
     "EXPECTED_SHARE", "NEAR_TURN", "FEWEST_TURNS", "TURN_CELLS", "LEAST_READINGS", "FEWEST_PLATEAUS",
@@ -98,21 +98,24 @@ MEANS = [f"level:{name}" for name in ("average_gain", "average_unlikely", "hidde
 NUMBERS_OF = {
     "hidden": [f"level:{name}" for name in THRESHOLDS],
     "logger": MEANS,
-    "untimed": ["diagnose.placing.STARTS_TRIED"],
+    "untimed": ["diagnose.held_out.STARTS_TRIED"],
     "grown": [
         "design.evidence.FALSE_ALARMS",
-        *(f"plan.judged.{n}" for n in ("FEWEST_JUDGED", "MORE_RUNS", "MOST_TIED")),
+        *(f"plan.look.{n}" for n in ("FEWEST_JUDGED", "MORE_RUNS", "MOST_TIED")),
     ],
-    "hums": [f"diagnose.restless.{name}" for name in RESTLESS],
+    "hums": [f"diagnose.hums.{name}" for name in OF_HUMS],
 }
 AS_IT_IS = "as it is"
 # Modules of the room diagnose whose numbers a search reads.
-SEARCHING = frozenset({"search", "candidates", "grammar", "refitting", "prepare", "adequacy", "restless"})
+SEARCHING = frozenset({"search", "candidates", "grammar", "refitting", "prepare", "adequacy", "hums"})
 # Others that it reads, or what makes a channel ready for it.
 SEARCHED = {
     f"level:{name}" for name in ("effect", "form", "factor", "named", "anything", "hidden_noise", "not_gaussian")
 }
-SEARCHED |= {f"design.{name}" for name in ("precision.FEWEST_RUNS", "varied.VARIED_RATIO", "varied.OTHER_PRESSURE")}
+SEARCHED |= {
+    f"design.{name}"
+    for name in ("targets.FEWEST_RUNS", "recorded_so_far.VARIED_RATIO", "recorded_so_far.OTHER_PRESSURE")
+}
 SEARCHED |= {"physics.air_exchange.DEW_FALLS_K", "estimate.noise.AVERAGED_KNOWN_TO", "estimate.predictive.MISFITS"}
 _SEARCHES: dict[Any, Any] = {}
 
@@ -321,8 +324,8 @@ def changed(name: str, factor: float) -> Rule:
         instead["diagnose.diagnose.search"] = _remembered
     if name.startswith(FLYING):
         instead["plan.decide_flight.expected_nats"] = _remembered_nats
-    if name == "design.shock.LEAD_S":  # what runs have of which nobody says it
-        instead["design.shock.PlannedShock.__init__"] = functools.partialmethod(_begun, lead_s=instead[name])
+    if name == "design.menu.LEAD_S":  # what runs have of which nobody says it
+        instead["design.menu.PlannedShock.__init__"] = functools.partialmethod(_begun, lead_s=instead[name])
     return Rule(name, "", instead)
 
 

@@ -25,7 +25,7 @@ from shockrig.rig.recorder.state import read_head
 
 if TYPE_CHECKING:
     from shockrig.analysis.design.goals import Goals, Place
-    from shockrig.analysis.design.shock import PlannedShock
+    from shockrig.analysis.design.menu import PlannedShock
     from shockrig.analysis.diagnose.diagnosed import ChannelOutcome
     from shockrig.analysis.plan.decision import Decision
     from shockrig.files.fleet_file import Population
@@ -118,7 +118,7 @@ class Loop:
         return runs[0] if runs else None
 
     def _decide(self, state: Any, log: list[dict[str, Any]], vetoed: list[PlannedShock]) -> Protocol | None:
-        from shockrig.analysis.design.shock import from_run
+        from shockrig.analysis.design.menu import from_run
         from shockrig.analysis.plan.decide import decide
         from shockrig.analysis.plan.decision import CONTINUE, log_entry, plan_document, remembered
         from shockrig.files.plan_file import append_decision

@@ -16,7 +16,7 @@ from shockrig.protocols.branch import end, end_with, ready, start
 
 if TYPE_CHECKING:
     from shockrig.analysis.design.goals import Place
-    from shockrig.analysis.plan.judged import Verdict
+    from shockrig.analysis.plan.look import Verdict
     from shockrig.files.campaign import Campaign
 
 NICER = 5  # than the recording, which must not wait
@@ -64,7 +64,7 @@ class Background:
 def _diagnose(answers: Connection, campaigns: Sequence[Campaign], due: Mapping[Place, Verdict], parent: int) -> None:
     """The process: verdicts of one place after the other; Ctrl-C is for the bench, which ends this too."""
     from shockrig.analysis.design.goals import places
-    from shockrig.analysis.plan.judged import look_at
+    from shockrig.analysis.plan.look import look_at
 
     end_with(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -10,7 +10,7 @@ from shockrig.rig.protocol import PlannedRun, Protocol, Record, Soak, Transfer, 
 from shockrig.rig.seams import Air
 
 if TYPE_CHECKING:
-    from shockrig.analysis.design.shock import PlannedShock, Surroundings
+    from shockrig.analysis.design.menu import PlannedShock, Surroundings
     from shockrig.analysis.plan.decision import Decision
     from shockrig.rig.bench import Bench
 
@@ -56,7 +56,7 @@ def as_protocol(
 def feasible_on(bench: Bench) -> Callable[[PlannedShock], bool]:
     """Whether a bench can make a shock: its airs, transfer, pressure and light."""
 
-    from shockrig.analysis.design.varied import OTHER_PRESSURE
+    from shockrig.analysis.design.recorded_so_far import OTHER_PRESSURE
 
     def feasible(shock: PlannedShock) -> bool:
         airs = Air(shock.source_c, shock.source_percent), Air(shock.destination_c, shock.destination_percent)
@@ -76,7 +76,7 @@ def feasible_on(bench: Bench) -> Callable[[PlannedShock], bool]:
 
 def surroundings_of(bench: Bench) -> Surroundings:
     """The pressures and lights that a bench can make besides the laboratory's."""
-    from shockrig.analysis.design.shock import Surroundings
+    from shockrig.analysis.design.menu import Surroundings
 
     return Surroundings(bench.pressures_hpa, bench.irradiances_w_m2)
 
@@ -120,7 +120,7 @@ def minutes_left(decision: Decision) -> float | None:
     that, and not of how much is still to be recorded.
     """
     from shockrig.analysis.design.choose import progress
-    from shockrig.analysis.design.precision import FEWEST_RUNS
+    from shockrig.analysis.design.targets import FEWEST_RUNS
 
     if any(t.runs < FEWEST_RUNS for t in decision.targets if not t.met):
         return None

@@ -12,10 +12,10 @@ from scipy.special import ndtr
 from shockrig.analysis.design.designs import Designs
 from shockrig.analysis.design.evidence import REJECTED_FROM
 from shockrig.analysis.design.information import nats
+from shockrig.analysis.design.menu import Airs, PlannedShock
 from shockrig.analysis.design.minutes import Minutes, airs_of_run
-from shockrig.analysis.design.precision import FEWEST_RUNS, Target
-from shockrig.analysis.design.shock import Airs, PlannedShock
-from shockrig.analysis.design.varied import farthest, is_again
+from shockrig.analysis.design.recorded_so_far import farthest, is_again
+from shockrig.analysis.design.targets import FEWEST_RUNS, Target
 from shockrig.files.campaign import Run
 
 Array = NDArray[np.float64]

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from shockrig.analysis.characterize.result import ChannelResult, Characterization
 from shockrig.analysis.design.evidence import OpenDispute, told_apart
 from shockrig.analysis.design.information import Information, information, rates_at
-from shockrig.analysis.design.precision import Target
-from shockrig.analysis.design.shock import (
+from shockrig.analysis.design.menu import (
     LONG_S,
     LONGEST_S,
     SHORTEST_S,
@@ -23,7 +22,8 @@ from shockrig.analysis.design.shock import (
     deciding_menu,
     precision_menu,
 )
-from shockrig.analysis.design.varied import variety
+from shockrig.analysis.design.recorded_so_far import variety
+from shockrig.analysis.design.targets import Target
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName
 from shockrig.analysis.fleet.fleet_prior import WithFleet

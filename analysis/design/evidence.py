@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.design.information import imagined, nats, rates_known, shown
-from shockrig.analysis.design.shock import PlannedShock
+from shockrig.analysis.design.menu import PlannedShock
 from shockrig.analysis.effects import in_channel
 from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.effects.forms import form_of

@@ -16,7 +16,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.design.shock import LEAD_S, PlannedShock
+from shockrig.analysis.design.menu import LEAD_S, PlannedShock
 from shockrig.analysis.estimate.arrow import Arrow
 from shockrig.analysis.estimate.channel import AMBIENT_WIDTH_K, Channel, bin_means, edges_after_transfer, place
 from shockrig.analysis.estimate.fit import Fit, linearise

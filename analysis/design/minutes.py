@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from shockrig.analysis.design.shock import Airs, PlannedShock
+from shockrig.analysis.design.menu import Airs, PlannedShock
 from shockrig.files.campaign import Campaign, Run
 
 Array = NDArray[np.float64]

@@ -2,7 +2,7 @@
 
 The mean response: a smooth basis in log time, crossed with step, direction, ambient and airflow, after the model's own
 parameters and each run's random effects are projected out. And these: rates that scatter more than sensors' do, starts
-and airs that are off by more than is stated of them. What single readings do all along is `restless`'s.
+and airs that are off by more than is stated of them. What single readings do all along is `hums`'s.
 """
 
 from __future__ import annotations

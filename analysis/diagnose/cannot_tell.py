@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from shockrig.analysis.design.varied import VARIED_RATIO
+from shockrig.analysis.design.recorded_so_far import VARIED_RATIO
 from shockrig.analysis.diagnose.pool import Search
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.estimate.channel import Channel

@@ -19,12 +19,12 @@ from shockrig.analysis.diagnose.adequacy import judge
 from shockrig.analysis.diagnose.cannot_tell import cannot_tell, left_open, mostly_unsettled
 from shockrig.analysis.diagnose.diagnosed import NO_STEP, ChannelDiagnosis, Diagnosis, Predicting
 from shockrig.analysis.diagnose.gain import Gain, HeldOutPart, held_out_parts, measure_gain
+from shockrig.analysis.diagnose.hums import bursts, without_hums
 from shockrig.analysis.diagnose.next_experiments import next_experiments
 from shockrig.analysis.diagnose.pool import Search
 from shockrig.analysis.diagnose.predicting import outdone, predicting_model
 from shockrig.analysis.diagnose.prepare import Prepared, likelier_average, prepare, with_rounding
 from shockrig.analysis.diagnose.remainder import Tolerance, describe, measure_remainder
-from shockrig.analysis.diagnose.restless import bursts, without_hums
 from shockrig.analysis.diagnose.search import Earlier, first_look, search
 from shockrig.analysis.diagnose.stated_effects import causes_in, forms_in, tried_beside
 from shockrig.analysis.diagnose.verdict import Standing, verdict
@@ -86,8 +86,8 @@ def diagnose_channel(
     # As uncertain as what the model is wrong by, and what it does not carry, make it.
     final = widened(problem, as_stated(problem, found.best.fit, bumps(problem), sigma, remainder.significant))
     causes, forms = causes_in(ready, found, final), forms_in(problem, found, final)
-    restless = (bursts(problem.channel, ready.noise, remainder.tolerance), *hums)
-    shown = (*ready.shown, *(one for one in restless if one is not None))
+    at_rest = (bursts(problem.channel, ready.noise, remainder.tolerance), *hums)
+    shown = (*ready.shown, *(one for one in at_rest if one is not None))
     parted = [f for f in findings if f.kind == PARTED and f.channel in (None, channel.name)]
     unsettled = mostly_unsettled(channel)
     standing = Standing(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from shockrig.analysis.diagnose.placing import held_out_residuals, mean_squares, plainly
+from shockrig.analysis.diagnose.held_out import held_out_residuals, mean_squares, plainly
 from shockrig.analysis.diagnose.pool import Rated
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import Fit, fit, linearise

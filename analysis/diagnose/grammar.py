@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.design.precision import FEWEST_RUNS
-from shockrig.analysis.design.varied import OTHER_PRESSURE, VARIED_RATIO
+from shockrig.analysis.design.recorded_so_far import OTHER_PRESSURE, VARIED_RATIO
+from shockrig.analysis.design.targets import FEWEST_RUNS
 from shockrig.analysis.effects.forms import (
     SCALES,
     SCATTER,

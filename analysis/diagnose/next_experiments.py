@@ -11,10 +11,10 @@ import numpy as np
 from shockrig.analysis.design.choose import LEAST_GAIN, choose_runs
 from shockrig.analysis.design.designs import Designs, deciding_ambients
 from shockrig.analysis.design.evidence import OpenDispute
+from shockrig.analysis.design.menu import SLOWEST_M_S, USUAL_C, PlannedShock, Usual, deciding_menu, opening
 from shockrig.analysis.design.minutes import learn
-from shockrig.analysis.design.precision import FEWEST_RUNS
-from shockrig.analysis.design.shock import SLOWEST_M_S, USUAL_C, PlannedShock, Usual, deciding_menu, opening
-from shockrig.analysis.design.varied import usual
+from shockrig.analysis.design.recorded_so_far import usual
+from shockrig.analysis.design.targets import FEWEST_RUNS
 from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import Fit

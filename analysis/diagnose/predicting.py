@@ -8,7 +8,7 @@ import numpy as np
 
 from shockrig.analysis.characterize.shifts import widened
 from shockrig.analysis.diagnose.diagnosed import Predicting
-from shockrig.analysis.diagnose.placing import run_errors
+from shockrig.analysis.diagnose.held_out import run_errors
 from shockrig.analysis.diagnose.pool import Rated, Search
 from shockrig.analysis.diagnose.prepare import Prepared
 from shockrig.analysis.diagnose.refitting import LEAST_SQUARE, as_judged, carried, squares_of_bins

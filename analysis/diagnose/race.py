@@ -17,8 +17,8 @@ from shockrig.analysis.diagnose.candidates import (
     kin_of,
     sound,
 )
+from shockrig.analysis.diagnose.first_order import FAR_DISCREPANCY, Screened, Starts, best_group, promises
 from shockrig.analysis.diagnose.pool import Rated, Search, heaviest_first, keep_best, stated, stuck, value_of
-from shockrig.analysis.diagnose.promises import FAR_DISCREPANCY, Screened, Starts, best_group, promises
 from shockrig.analysis.diagnose.refitting import begun_anew, rate_shift, refit
 from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.effects.forms import (

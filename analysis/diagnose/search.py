@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from shockrig.analysis.diagnose.candidates import Candidate, candidates
+from shockrig.analysis.diagnose.first_order import FAR_DISCREPANCY
 from shockrig.analysis.diagnose.pool import Rated, Search, value_of
-from shockrig.analysis.diagnose.promises import FAR_DISCREPANCY
 from shockrig.analysis.diagnose.race import Race
 from shockrig.analysis.diagnose.refitting import begun_anew, plain_fit
 from shockrig.analysis.estimate.effect import by_name

@@ -20,9 +20,7 @@ from shockrig.analysis.design.choose import LEAST_GAIN, Choice, chase, choose_ru
 from shockrig.analysis.design.designs import Designs, KnownSoFar
 from shockrig.analysis.design.evidence import OpenDispute, of_second_probe
 from shockrig.analysis.design.goals import QUANTITY_OF, Goals, Place, places
-from shockrig.analysis.design.minutes import learn, spent_minutes
-from shockrig.analysis.design.precision import Target, gained_by, measured, targets
-from shockrig.analysis.design.shock import (
+from shockrig.analysis.design.menu import (
     ORDINARY,
     USUAL_C,
     PlannedShock,
@@ -31,7 +29,9 @@ from shockrig.analysis.design.shock import (
     deciding_menu,
     opening,
 )
-from shockrig.analysis.design.varied import shock_of, usual_of, variety
+from shockrig.analysis.design.minutes import learn, spent_minutes
+from shockrig.analysis.design.recorded_so_far import shock_of, usual_of, variety
+from shockrig.analysis.design.targets import Target, gained_by, measured, targets
 from shockrig.analysis.diagnose.diagnosed import ChannelOutcome
 from shockrig.analysis.diagnose.grammar import MOST_RUNS
 from shockrig.analysis.estimate.quantity import QUANTITIES, looked_for
@@ -44,7 +44,7 @@ from shockrig.analysis.plan.decision import (
     ended_by,
     missing,
 )
-from shockrig.analysis.plan.judged import FEWEST_JUDGED, Looks, Verdict, look_at
+from shockrig.analysis.plan.look import FEWEST_JUDGED, Looks, Verdict, look_at
 from shockrig.files.campaign import Campaign
 from shockrig.files.campaign_names import sensor_name
 from shockrig.files.errors import InputError

@@ -9,9 +9,9 @@ from typing import Any
 from shockrig.analysis.design.choose import Choice, progress
 from shockrig.analysis.design.evidence import label_of
 from shockrig.analysis.design.goals import Goals, Place
-from shockrig.analysis.design.precision import FEWEST_RUNS, Target
-from shockrig.analysis.design.shock import PlannedShock, from_run
-from shockrig.analysis.plan.judged import FEWEST_JUDGED, ChannelLook, Verdict
+from shockrig.analysis.design.menu import PlannedShock, from_run
+from shockrig.analysis.design.targets import FEWEST_RUNS, Target
+from shockrig.analysis.plan.look import FEWEST_JUDGED, ChannelLook, Verdict
 from shockrig.files.campaign_names import FIRST_PROBE
 from shockrig.files.json_files import made_of, measured
 from shockrig.files.plan_file import DECISION_FORMAT, PLAN_FORMAT

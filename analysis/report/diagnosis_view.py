@@ -11,7 +11,7 @@ import numpy as np
 
 from shockrig.analysis.characterize.result import ChannelResult
 from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis
-from shockrig.analysis.diagnose.extended import extended_result, plain_result
+from shockrig.analysis.diagnose.extended_profile import extended_result, plain_result
 from shockrig.analysis.diagnose.gain import HeldOut
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.estimate.seen import little_known, seen

@@ -217,7 +217,7 @@ def _flown(
     folder: Path,
 ) -> tuple[list[Crossing], list[str]]:
     """Write the extended profile and fly it; the crossings, and what has to be said of them."""
-    from shockrig.analysis.diagnose.extended import extended_profile
+    from shockrig.analysis.diagnose.extended_profile import extended_profile
     from shockrig.analysis.report.crossing import cross_inversion
     from shockrig.files.profile import write_profile
 

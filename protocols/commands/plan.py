@@ -132,8 +132,8 @@ def _place(text: str) -> tuple[float, float, float]:
 
 def _plan_runs(args: argparse.Namespace) -> int:
     from shockrig.analysis.design.goals import parse_goals
-    from shockrig.analysis.design.shock import ORDINARY
-    from shockrig.analysis.design.varied import usual_of
+    from shockrig.analysis.design.menu import ORDINARY
+    from shockrig.analysis.design.recorded_so_far import usual_of
     from shockrig.analysis.plan.decide import anything, decide
     from shockrig.analysis.plan.decision import CONTINUE, log_entry, plan_document, remembered
     from shockrig.files.disk import write_whole

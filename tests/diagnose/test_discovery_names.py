@@ -13,12 +13,12 @@ from shockrig.analysis.diagnose.adequacy import judge
 from shockrig.analysis.diagnose.candidates import candidates
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.grammar import forms
+from shockrig.analysis.diagnose.hums import without_hums
 from shockrig.analysis.diagnose.pool import Search
 from shockrig.analysis.diagnose.prepare import likelier_average, prepare
 from shockrig.analysis.diagnose.race import Race
 from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.diagnose.remainder import Tolerance
-from shockrig.analysis.diagnose.restless import without_hums
 from shockrig.analysis.diagnose.search import search
 from shockrig.analysis.effects import CATALOGUE, behaviours
 from shockrig.analysis.effects.described import as_listed, described, discovered_of, entry_of

@@ -11,8 +11,8 @@ import pytest
 from shockrig.analysis.characterize.characterize import characterize
 from shockrig.analysis.diagnose import predicting
 from shockrig.analysis.diagnose.diagnose import diagnose
-from shockrig.analysis.diagnose.extended import extended_result
-from shockrig.analysis.diagnose.placing import plainly, run_errors
+from shockrig.analysis.diagnose.extended_profile import extended_result
+from shockrig.analysis.diagnose.held_out import plainly, run_errors
 from shockrig.analysis.diagnose.prepare import prepare
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.report.diagnosis_words import predicting_sentence

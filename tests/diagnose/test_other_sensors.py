@@ -9,7 +9,7 @@ from foreign_worlds import draw
 from small_worlds import record as record_small
 
 from shockrig.analysis.design.evidence import OpenDispute, expected
-from shockrig.analysis.design.shock import SLOWEST_M_S, PlannedShock
+from shockrig.analysis.design.menu import SLOWEST_M_S, PlannedShock
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.next_experiments import propose, unseen
 from shockrig.analysis.diagnose.refitting import plain_fit, refit

@@ -7,8 +7,8 @@ from small_worlds import record as record_small
 
 from shockrig.analysis.diagnose import diagnose, predicting
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
-from shockrig.analysis.diagnose.extended import extended_result
-from shockrig.analysis.diagnose.placing import plainly, run_errors
+from shockrig.analysis.diagnose.extended_profile import extended_result
+from shockrig.analysis.diagnose.held_out import plainly, run_errors
 from shockrig.analysis.diagnose.prepare import prepare
 from shockrig.analysis.diagnose.race import Race
 from shockrig.analysis.diagnose.search import search

@@ -7,7 +7,7 @@ import pytest
 from small_worlds import record
 
 from shockrig.analysis.diagnose.candidates import candidates
-from shockrig.analysis.diagnose.placing import run_errors
+from shockrig.analysis.diagnose.held_out import run_errors
 from shockrig.analysis.diagnose.prepare import prepare
 from shockrig.analysis.diagnose.race import Race
 from shockrig.analysis.diagnose.refitting import as_judged, carried, plain_fit, refit

@@ -28,15 +28,15 @@ def test_a_number_is_doubled_and_so_is_each_of_several(own, twice):
 
 
 def test_a_number_that_is_not_there_is_said_to_be_so():
-    with pytest.raises(ValueError, match="no number at diagnose.restless.NOTHING"):
-        benchmark("ablation_rules").number_of("diagnose.restless.NOTHING")
+    with pytest.raises(ValueError, match="no number at diagnose.hums.NOTHING"):
+        benchmark("ablation_rules").number_of("diagnose.hums.NOTHING")
 
 
 def test_a_hum_is_seen_as_it_is_and_not_where_it_takes_more_plateaus_than_there_are(tmp_path, monkeypatch):
     sensitivity, rules = benchmark("sensitivity"), benchmark("ablation_rules")
     monkeypatch.setattr(sensitivity, "_folder", lambda: tmp_path)
     (usual,) = sensitivity.hums(48002)
-    with rules.without(sensitivity.changed("diagnose.restless.FEWEST_PLATEAUS", 100.0)):
+    with rules.without(sensitivity.changed("diagnose.hums.FEWEST_PLATEAUS", 100.0)):
         (other,) = sensitivity.hums(48002)
     assert usual["right"] and usual["said"][0] and other["said"][0] == [] and not other["right"]
 

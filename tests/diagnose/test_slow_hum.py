@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from shockrig.analysis.diagnose import restless
+from shockrig.analysis.diagnose import hums
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
-from shockrig.analysis.diagnose.restless import without_hums
+from shockrig.analysis.diagnose.hums import without_hums
 from shockrig.analysis.estimate.channel import rebin
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.files.campaign import read_campaign
@@ -110,9 +110,9 @@ def test_what_slow_swings_take_out_is_told_of_all_at_once_as_one_by_one():
     rng = np.random.default_rng(4)
     time, apart_hz = np.sort(rng.uniform(-60.0, 120.0, 1200)), 1.0 / 600.0
     value = 0.1 * np.sin(2.0 * np.pi * 0.03 * time) + 0.02 * rng.standard_normal(time.size)
-    ends = restless._ends_of(time, value, restless.plateaus_of(time, 0.1))
-    gained = restless._gained(ends, apart_hz, 40)
-    alone = [ends.square - restless._swing(ends, k * apart_hz)[1] for k in range(6, 40)]
+    ends = hums._ends_of(time, value, hums.plateaus_of(time, 0.1))
+    gained = hums._gained(ends, apart_hz, 40)
+    alone = [ends.square - hums._swing(ends, k * apart_hz)[1] for k in range(6, 40)]
     assert np.argmax(gained) == 18 and gained[6:] == pytest.approx(alone, rel=0.1, abs=0.002)
 
 
@@ -151,6 +151,6 @@ def test_plateaus_that_mostly_repeat_a_value_or_end_at_once_have_no_hum(monkeypa
     time_s = np.arange(0.0, 40.0, 0.1)
     still, short = np.where(time_s < 1.0, 0.01, 0.0), np.array([0.0, 0.1, -0.1])
     for value in (still, short):
-        pieces = [restless._Plateau(time_s[: value.size], value) for _ in range(8)]
-        monkeypatch.setattr(restless, "plateaus", lambda _, pieces=pieces: pieces)
+        pieces = [hums._Plateau(time_s[: value.size], value) for _ in range(8)]
+        monkeypatch.setattr(hums, "plateaus", lambda _, pieces=pieces: pieces)
         assert without_hums(channel) == (channel, ())

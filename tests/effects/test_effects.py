@@ -15,7 +15,7 @@ from small_worlds import record, small_plan
 
 from shockrig.analysis.diagnose.candidates import Candidate, log_prior
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
-from shockrig.analysis.diagnose.extended import extended_result
+from shockrig.analysis.diagnose.extended_profile import extended_result
 from shockrig.analysis.diagnose.race import Race
 from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.effects import CATALOGUE, structure_of

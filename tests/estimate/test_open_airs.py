@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shockrig.analysis.diagnose.cannot_tell import cannot_tell
-from shockrig.analysis.diagnose.placing import run_errors
+from shockrig.analysis.diagnose.held_out import run_errors
 from shockrig.analysis.diagnose.prepare import prepare, with_rounding
 from shockrig.analysis.diagnose.refitting import as_judged, plain_fit, refit
 from shockrig.analysis.effects import CATALOGUE

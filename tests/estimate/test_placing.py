@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear, minimize
 
-from shockrig.analysis.diagnose.placing import PLACED_WITHIN, placed, run_errors, within_limits
+from shockrig.analysis.diagnose.held_out import PLACED_WITHIN, placed, run_errors, within_limits
 from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import Point

@@ -11,7 +11,7 @@ from benchmark_scripts import benchmark
 from small_worlds import QUIET
 
 from shockrig.analysis.design.goals import parse_goals
-from shockrig.analysis.design.shock import PlannedShock
+from shockrig.analysis.design.menu import PlannedShock
 from shockrig.analysis.plan.decision import remembered
 from shockrig.analysis.report.loop_page import chosen_section
 from shockrig.files.plan_file import read_decisions
@@ -267,7 +267,7 @@ def ventilation(airflow_m_s):
 
 
 def test_a_plan_keeps_to_what_a_bench_can_do():
-    from shockrig.analysis.design.shock import PlannedShock
+    from shockrig.analysis.design.menu import PlannedShock
     from shockrig.protocols.decided import feasible_on
 
     bench = virtual_bench(QUICK_SENSORS)

@@ -8,7 +8,7 @@ import pytest
 from small_worlds import small_plan
 
 from shockrig.analysis.design.goals import parse_goals
-from shockrig.analysis.plan import judged
+from shockrig.analysis.plan import look
 from shockrig.files.campaign import read_campaign
 from shockrig.files.fingerprint import fingerprint
 from shockrig.files.plan_file import read_decisions
@@ -48,7 +48,7 @@ def done():
 @pytest.fixture
 def diagnosed(monkeypatch, done):
     """The channels that a planner diagnoses itself; of the same readings once."""
-    asked, really = [], judged.diagnose_channel
+    asked, really = [], look.diagnose_channel
 
     def diagnose_channel(channel, **options):
         asked.append(channel.name)
@@ -57,7 +57,7 @@ def diagnosed(monkeypatch, done):
             done[key] = really(channel, **options)
         return done[key]
 
-    monkeypatch.setattr(judged, "diagnose_channel", diagnose_channel)
+    monkeypatch.setattr(look, "diagnose_channel", diagnose_channel)
     return asked
 
 

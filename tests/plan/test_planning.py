@@ -26,10 +26,10 @@ from shockrig.analysis.design.evidence import (
 )
 from shockrig.analysis.design.goals import Goals, Precision, parse_goals
 from shockrig.analysis.design.information import information, nats
+from shockrig.analysis.design.menu import PlannedShock, Surroundings, Usual, deciding_menu, opening, precision_menu
 from shockrig.analysis.design.minutes import USUAL_BETWEEN_RECORDS, learn, moves, spent_minutes
-from shockrig.analysis.design.precision import Target, gained_by, measured, targets
-from shockrig.analysis.design.shock import PlannedShock, Surroundings, Usual, deciding_menu, opening, precision_menu
-from shockrig.analysis.design.varied import farthest, variety
+from shockrig.analysis.design.recorded_so_far import farthest, variety
+from shockrig.analysis.design.targets import Target, gained_by, measured, targets
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.prepare import prepare
 from shockrig.analysis.diagnose.refitting import plain_fit, refit
@@ -49,7 +49,7 @@ from shockrig.analysis.plan.decision import (
     plan_document,
     remembered,
 )
-from shockrig.analysis.plan.judged import ChannelLook, Verdict, look_at, spending
+from shockrig.analysis.plan.look import ChannelLook, Verdict, look_at, spending
 from shockrig.analysis.report.loop_page import chosen_section
 from shockrig.files.campaign import Run, RunAir
 from shockrig.files.errors import InputError
@@ -653,7 +653,7 @@ def test_it_does_not_end_inconclusive_between_causes_of_which_all_runs_bear_out_
 
 def test_a_channel_that_is_given_up_is_said_to_be_and_no_tie_is_decided(monkeypatch, tmp_path):
     """Before: all goals were met, and the plain model was enough of what nobody had judged."""
-    monkeypatch.setattr("shockrig.analysis.plan.judged.MOST_RUNS_TRIED", 2)
+    monkeypatch.setattr("shockrig.analysis.plan.look.MOST_RUNS_TRIED", 2)
     ended = decide(recorded(tmp_path, LIVELY, [UP, COOL]).seen(), parse_goals("ties decided"))
     assert ended.status == INCONCLUSIVE
     assert ended.reason == "temperature and humidity: fewer than 4 runs can be used, too few to judge by"

@@ -10,7 +10,7 @@ from benchmark_scripts import benchmark
 from small_worlds import QUIET
 
 from shockrig.analysis.design.goals import parse_goals
-from shockrig.analysis.design.shock import PlannedShock
+from shockrig.analysis.design.menu import PlannedShock
 from shockrig.analysis.plan.decide import decide, of_decision, with_due
 from shockrig.analysis.plan.decision import log_entry, remembered
 from shockrig.protocols.adaptive import Loop

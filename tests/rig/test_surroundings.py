@@ -10,7 +10,7 @@ import pytest
 from small_worlds import QUIET
 
 from shockrig.analysis.design.goals import parse_goals
-from shockrig.analysis.design.shock import PlannedShock, Surroundings
+from shockrig.analysis.design.menu import PlannedShock, Surroundings
 from shockrig.analysis.plan.decide import decide
 from shockrig.files.campaign import read_campaign
 from shockrig.protocols.decided import as_protocol, feasible_on, surroundings_of
@@ -89,7 +89,7 @@ def test_runs_are_recorded_in_them_and_say_so(tmp_path):
 
 def test_the_menu_has_what_bench_and_campaign_have(tmp_path):
     goals = parse_goals("ties decided")
-    from shockrig.analysis.design.varied import usual_of
+    from shockrig.analysis.design.recorded_so_far import usual_of
 
     assert usual_of(None, goals, Surroundings((700.0, 1000.0), (800.0,))).other == Surroundings((700.0,), (800.0,))
     assert decide((), goals, surroundings=Surroundings((700.0,))).choices

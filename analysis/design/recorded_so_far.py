@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.design.goals import Goals
+from shockrig.analysis.design.menu import ORDINARY, SHORTEST_S, USUAL_C, PlannedShock, Surroundings, Usual
 from shockrig.analysis.design.minutes import airs_of_run, recorded_s
-from shockrig.analysis.design.shock import ORDINARY, SHORTEST_S, USUAL_C, PlannedShock, Surroundings, Usual
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.quantity import QUANTITIES
 from shockrig.files.campaign import Campaign, Run
