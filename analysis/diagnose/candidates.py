@@ -5,7 +5,7 @@ A form that is the law of a catalogued effect that the channel can show is that 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import log
@@ -17,14 +17,7 @@ from shockrig.analysis.diagnose.grammar import SCALING, by_chance, forms, kin, s
 from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.described import described, is_described
-from shockrig.analysis.effects.forms import (
-    Form,
-    form_of,
-    forms_of,
-    is_group,
-    is_step,
-    laws_of,
-)
+from shockrig.analysis.effects.forms import Form, form_of, forms_of, is_group, is_step, laws_of
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import Effect
 from shockrig.analysis.estimate.fit import Fit
@@ -115,13 +108,11 @@ def candidates(channel: Channel) -> tuple[Candidate, ...]:
     return (*found, *_of_forms(forms(channel), ids, channel))
 
 
-def kin_of(form: Form, channel: Channel) -> tuple[Candidate, ...]:
-    """Forms that differ from one by a single condition, or in the spread of time constants, and are no listed law."""
-    return _of_forms(kin(form, channel), {e.id for e in listed(channel)}, channel)
-
-
-def by_chance_of(effect: Effect, channel: Channel) -> tuple[Candidate, ...]:
-    """Forms that are a catalogued effect's law and differ from run to run by chance."""
+def kin_of(effect: Effect, channel: Channel) -> tuple[Candidate, ...]:
+    """Forms that differ from one by a single condition, or in the spread of time constants, and are no listed law; of a
+    catalogued effect its law, where it differs from run to run by chance."""
+    if is_described(effect.id):
+        return _of_forms(kin(form_of(effect.id), channel), {e.id for e in listed(channel)}, channel)
     driver = "air_humidity" if channel.jumps_with_air else "air_temperature"
     laws = (form for form, _ in forms_of(effect.id, driver))
     return _of_forms((one for law in laws for one in by_chance(law, channel)), set(), channel)
@@ -137,7 +128,7 @@ def in_group_of(one: Candidate, how: str, channel: Channel) -> Candidate:
     """A bare form in a group of runs alone."""
     assert one.form is not None
     effect = described(one.form.with_factor("run_order", how).key, channel.jumps_with_air)
-    return Candidate(effect, one.starts, log_prior(effect, channel, len(one.starts)))
+    return _candidate(effect, one.starts, channel)
 
 
 def _of_forms(these: Iterable[Form], ids: set[str], channel: Channel) -> tuple[Candidate, ...]:
@@ -149,7 +140,7 @@ def _of_forms(these: Iterable[Form], ids: set[str], channel: Channel) -> tuple[C
     return tuple(found)
 
 
-def _candidate(effect: Effect, starts: list[dict[str, float]], channel: Channel) -> Candidate:
+def _candidate(effect: Effect, starts: Sequence[dict[str, float]], channel: Channel) -> Candidate:
     return Candidate(effect, tuple(starts), log_prior(effect, channel, len(starts)))
 
 

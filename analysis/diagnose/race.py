@@ -10,21 +10,12 @@ from functools import reduce
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.diagnose.candidates import (
-    Candidate,
-    bare_forms,
-    by_chance_of,
-    kin_of,
-    sound,
-)
+from shockrig.analysis.diagnose.candidates import Candidate, bare_forms, kin_of, sound
 from shockrig.analysis.diagnose.first_order import FAR_DISCREPANCY, Screened, Starts, best_group, promises
 from shockrig.analysis.diagnose.pool import Rated, Search, heaviest_first, keep_best, stated, stuck, value_of
 from shockrig.analysis.diagnose.refitting import begun_anew, rate_shift, refit
 from shockrig.analysis.effects.described import is_described
-from shockrig.analysis.effects.forms import (
-    form_of,
-    forms_of,
-)
+from shockrig.analysis.effects.forms import forms_of
 from shockrig.analysis.estimate.effect import Effect, by_name
 from shockrig.analysis.estimate.fit import MOST_STEPS, Fit, fit, go_on
 from shockrig.analysis.estimate.fit_starts import plainly_wrong, rough_point, rough_rates
@@ -292,8 +283,8 @@ class Race:
         for effect in current.fit.structure.effects:
             if effect.id in self.fixed:
                 continue
-            described, best = is_described(effect.id), current
-            for other in kin_of(form_of(effect.id), channel) if described else by_chance_of(effect, channel):
+            best = current
+            for other in kin_of(effect, channel):
                 without = current.fit.structure.dropping(effect.id)
                 if not other.fits(without):
                     continue
