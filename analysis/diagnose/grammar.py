@@ -10,15 +10,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.design.recorded_so_far import OTHER_PRESSURE, VARIED_RATIO
 from shockrig.analysis.design.targets import FEWEST_RUNS
-from shockrig.analysis.effects.forms import (
-    SCALES,
-    SCATTER,
-    SPREAD,
-    STEP,
-    Factor,
-    Form,
-    form_of,
-)
+from shockrig.analysis.effects.forms import SCALES, SCATTER, SPREAD, STEP, Factor, Form, form_of
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import Effect
 from shockrig.analysis.physics.air_exchange import DEW_FALLS_K, Conditions, dew_margin_k

@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.estimate.arrow import Arrow
 from shockrig.analysis.estimate.channel import Channel, as_single_samples
 from shockrig.analysis.estimate.effect import TINY_STRENGTH
 from shockrig.analysis.estimate.fit import Fit, fit, linearise, with_airs
@@ -138,16 +137,11 @@ def _descended(part: Problem, found: Fit, here: Array, limit: Array) -> tuple[Ar
         best = np.fmin(cost, best)
         if not np.isfinite(cost).all():  # a model that has no value there
             break
-        moved = _bounded_step(arrow, left, here, -limit, limit)
+        moved = here + within_limits(arrow.blocks, arrow.run_sides(left, here), -limit - here, limit - here)
         if (np.abs(moved - here) <= SETTLED_STEP * limit).all():
             break
         here = moved
     return kept, best
-
-
-def _bounded_step(arrow: Arrow, left: Array, here: Array, low: Array, high: Array) -> Array:
-    """Random effects (R, U) that leave least within their limits, to first order."""
-    return here + within_limits(arrow.blocks, arrow.run_sides(left, here), low - here, high - here)
 
 
 def within_limits(normal: Array, right: Array, least: Array, most: Array) -> Array:

@@ -66,11 +66,6 @@ def is_material(significant: bool, size: float, peak: float, tolerance: float) -
     return size >= tolerance or peak >= PEAK_TOLERANCES * tolerance if tolerance else significant
 
 
-def predicted_badly(gain: Gain) -> bool:
-    """Whether unseen runs are missed by more than the noise and an accident."""
-    return gain.measured and gain.after > level("held_out_excess") * gain.noise_floor
-
-
 def _spread(whitener: Array, filled: NDArray[np.bool_]) -> Array:
     """Standard deviation of the noise in the mean of each bin (runs, bins) [unit], 0 in an empty one: noise that hangs
     together, and a coarse step's, is thinned out less than white noise."""
@@ -111,7 +106,8 @@ def measure_remainder(
     peak = float(max(beyond.max(initial=0.0), 0.0))
     # By what a change of the air as large as the runs' is read wrong.
     misled = discrepancy * float(np.sqrt(np.mean(channel.quantity.step(channel.conditions) ** 2)))
-    significant, allowed = not adequacy.passed or predicted_badly(gain), tolerance.of(unit)
+    badly = gain.measured and gain.after > level("held_out_excess") * gain.noise_floor
+    significant, allowed = not adequacy.passed or badly, tolerance.of(unit)
     return StatedRemainder(
         rms=rms,
         peak=peak,

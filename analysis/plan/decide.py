@@ -20,15 +20,7 @@ from shockrig.analysis.design.choose import LEAST_GAIN, Choice, chase, choose_ru
 from shockrig.analysis.design.designs import Designs, KnownSoFar
 from shockrig.analysis.design.evidence import OpenDispute, of_second_probe
 from shockrig.analysis.design.goals import QUANTITY_OF, Goals, Place, places
-from shockrig.analysis.design.menu import (
-    ORDINARY,
-    USUAL_C,
-    PlannedShock,
-    Surroundings,
-    Usual,
-    deciding_menu,
-    opening,
-)
+from shockrig.analysis.design.menu import ORDINARY, USUAL_C, PlannedShock, Surroundings, Usual, deciding_menu, opening
 from shockrig.analysis.design.minutes import learn, spent_minutes
 from shockrig.analysis.design.recorded_so_far import shock_of, usual_of, variety
 from shockrig.analysis.design.targets import Target, gained_by, measured, targets
@@ -36,14 +28,7 @@ from shockrig.analysis.diagnose.diagnosed import ChannelOutcome
 from shockrig.analysis.diagnose.grammar import MOST_RUNS
 from shockrig.analysis.estimate.quantity import QUANTITIES, looked_for
 from shockrig.analysis.fleet.fleet_prior import WithFleet, with_population
-from shockrig.analysis.plan.decision import (
-    CONTINUE,
-    INCONCLUSIVE,
-    MOST_UNEXPLAINED,
-    Decision,
-    ended_by,
-    missing,
-)
+from shockrig.analysis.plan.decision import CONTINUE, INCONCLUSIVE, MOST_UNEXPLAINED, Decision, ended_by, missing
 from shockrig.analysis.plan.look import FEWEST_JUDGED, Looks, Verdict, look_at
 from shockrig.files.campaign import Campaign
 from shockrig.files.campaign_names import sensor_name
