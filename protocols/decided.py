@@ -119,11 +119,10 @@ def minutes_left(decision: Decision) -> float | None:
     Of a single run nobody can say by how much runs differ, nor whether the model is enough: its uncertainty tells of
     that, and not of how much is still to be recorded.
     """
-    from shockrig.analysis.design.choose import progress
     from shockrig.analysis.design.targets import FEWEST_RUNS
 
     if any(t.runs < FEWEST_RUNS for t in decision.targets if not t.met):
         return None
-    lacking = sum(1.0 - progress(t, t.relative**2, t.runs) for t in decision.targets)
+    lacking = sum(1.0 - t.progress for t in decision.targets)
     best = max((c.goals / c.minutes for c in decision.choices), default=0.0)
     return lacking / best if best > 0.0 and lacking > 0.0 else None

@@ -9,13 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from shockrig.analysis.design.designs import Designs
 from shockrig.analysis.design.evidence import REJECTED_FROM
-from shockrig.analysis.design.information import nats
 from shockrig.analysis.design.menu import Airs, PlannedShock
 from shockrig.analysis.design.minutes import Minutes, airs_of_run
+from shockrig.analysis.design.prospects import Prospects
 from shockrig.analysis.design.recorded_so_far import farthest, is_again
-from shockrig.analysis.design.targets import FEWEST_RUNS, Target
 from shockrig.files.campaign import Run
 
 Array = NDArray[np.float64]
@@ -60,7 +58,7 @@ class Choice:
 
 
 def choose_runs(
-    designs: Designs, minutes: Minutes, recorded: Sequence[Run], count: int
+    prospects: Prospects, minutes: Minutes, recorded: Sequence[Run], count: int
 ) -> tuple[list[Choice], tuple[Choice, ...]]:
     """The runs that bring most per minute, one after the other; and the best of the menu for the first of them.
 
@@ -77,10 +75,11 @@ def choose_runs(
     chosen: list[Choice] = []
     considered: tuple[Choice, ...] = ()
     for _ in range(count):
-        bonus = designs.varied([one.shock for one in chosen])
-        options = [_weighed(designs, m, bonus[m, 0], minutes, airs) for m in range(len(designs.menu))]
+        bonus = prospects.varied([one.shock for one in chosen])
+        options = [_weighed(prospects, m, bonus[m, 0], minutes, airs) for m in range(len(prospects.menu))]
         twice = [
-            _weighed(designs.after(m), m, bonus[m, 1], minutes, shock.airs) for m, shock in enumerate(designs.choosable)
+            _weighed(prospects.after(m), m, bonus[m, 1], minutes, shock.airs)
+            for m, shock in enumerate(prospects.choosable)
         ]
         rates = [max(one.per_minute, (one.worth + two.worth) / (one.minutes + two.minutes))
                  for one, two in zip(options, twice, strict=False)]  # fmt: skip
@@ -89,28 +88,26 @@ def choose_runs(
             break
         m = int(rng.choice([m for m, rate in enumerate(rates) if rate >= (1.0 - NEARLY_BEST) * best]))
         due = (number + len(chosen) + 1) % ANCHOR_EVERY == 0 and since + len(chosen) >= ANCHOR_EVERY - 1
-        if designs.anchor is not None and due:
-            m = designs.anchor
+        if prospects.anchor is not None and due:
+            m = prospects.anchor
         if not considered:
             others = sorted((i for i in range(len(rates)) if i != m), key=lambda i: -rates[i])
             considered = (options[m], *(options[i] for i in others[: OPTIONS_SHOWN - 1]))
         chosen.append(options[m])
-        designs, airs = designs.after(m), designs.menu[m].airs
+        prospects, airs = prospects.after(m), prospects.menu[m].airs
     return chosen, considered
 
 
-def _weighed(designs: Designs, m: int, bonus: float, minutes: Minutes, airs: Airs | None) -> Choice:
+def _weighed(prospects: Prospects, m: int, bonus: float, minutes: Minutes, airs: Airs | None) -> Choice:
     """What run `m` of a menu brings after one in other airs; `bonus` for what it varies."""
     share, information = 0.0, 0.0
-    for p in designs.precise:
-        known, added = p.info.known, p.info.added[m]
-        now, then = p.info.variances(np.stack([known, known + added]))
-        information += nats(known, known + added, p.places)
-        for (target, g), factor, runs, more in zip(p.of, p.factors, p.runs, p.helped(m), strict=True):
-            before, after = progress(target, factor * now[g], runs), progress(target, factor * then[g], runs + more)
-            share += max(after - before, 0.0)
-    deciding = float(as_far_as_needed(designs.pairs[:, m], designs.needed).sum() / REJECTED_FROM)
-    shock, evidence = designs.menu[m], float(designs.evidence[m])
+    for p in prospects.wanted_rates:
+        shares, told = p.brought(m)
+        information += told
+        for each in shares:
+            share += each
+    deciding = float(as_far_as_needed(prospects.pairs[:, m], prospects.needed).sum() / REJECTED_FROM)
+    shock, evidence = prospects.menu[m], float(prospects.evidence[m])
     return Choice(shock, minutes.of(airs, shock), share + deciding + bonus, share, information, evidence)
 
 
@@ -121,11 +118,6 @@ def as_far_as_needed(expected: Array, needed: Array) -> Array:
     over = (expected - needed) / scatter
     beyond = scatter * (over * ndtr(over) + np.exp(-0.5 * over**2) / np.sqrt(2.0 * np.pi))
     return np.maximum(expected - beyond, 0.0)
-
-
-def progress(target: Target, variance: float, runs: int) -> float:
-    """The share of a goal that is reached: of the information that it needs, and of the runs, at most 1."""
-    return min(target.wanted**2 / max(variance, 1e-30), runs / FEWEST_RUNS, 1.0)
 
 
 def chase(menu: Sequence[PlannedShock], recorded: Sequence[Run], minutes: Minutes) -> list[Choice]:

@@ -244,7 +244,7 @@ def _as_of_second(found: Fit, common: frozenset[str]) -> tuple[Structure, list[i
 
 
 def told_apart(disputes: Iterable[OpenDispute], shocks: Sequence[PlannedShock]) -> tuple[Array, Array, Array]:
-    """Of all pairs of tied explanations `pairs`, `needed` and `evidence`, as `Designs` has them."""
+    """Of all pairs of tied explanations `pairs`, `needed` and `evidence`, as `Prospects` has them."""
     pairs, needed, evidence = [], [], np.zeros(len(shocks))
     for tied in disputes:
         told, each_further = expected(tied, shocks)

@@ -44,6 +44,15 @@ class Target:
         return self.relative <= self.wanted and self.runs >= FEWEST_RUNS
 
     @property
+    def progress(self) -> float:
+        """The share of the goal that is reached."""
+        return self.reached(self.relative**2, self.runs)
+
+    def reached(self, variance: float, runs: int) -> float:
+        """The share that would be: of the information that it needs, and of the runs, at most 1."""
+        return min(self.wanted**2 / max(variance, 1e-30), runs / FEWEST_RUNS, 1.0)
+
+    @property
     def known(self) -> bool:
         """Whether anything is known of it, by its own runs or by others of its type."""
         return self.relative < NOT_KNOWN or self.runs > 0

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from shockrig.analysis.design.choose import LEAST_GAIN, choose_runs
-from shockrig.analysis.design.designs import Designs, deciding_ambients
 from shockrig.analysis.design.evidence import OpenDispute
 from shockrig.analysis.design.menu import SLOWEST_M_S, USUAL_C, PlannedShock, Usual, deciding_menu, opening
 from shockrig.analysis.design.minutes import learn
+from shockrig.analysis.design.prospects import Prospects, deciding_ambients
 from shockrig.analysis.design.recorded_so_far import usual
 from shockrig.analysis.design.targets import FEWEST_RUNS
 from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis
@@ -38,7 +38,7 @@ def propose(problem: Problem, noise: Noise, tied: Sequence[Fit]) -> list[dict[st
     dispute = OpenDispute.begun(problem, noise, tied)
     lasts_s = float(np.median([time[-1] for time, _ in problem.channel.samples]))  # what a slow sensor was given
     menu = deciding_menu(deciding_ambients([dispute]), _usual(problem.channel), lambda *_: lasts_s)
-    chosen, _ = choose_runs(Designs.of(menu, [dispute]), learn(None), (), MOST_ASKED)
+    chosen, _ = choose_runs(Prospects.of(menu, [dispute]), learn(None), (), MOST_ASKED)
     asked = {
         one.shock: _asked_for(one.shock) | {"expected_evidence": round(one.evidence, 1)}
         for one in chosen

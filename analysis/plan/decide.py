@@ -17,11 +17,11 @@ import numpy as np
 from shockrig.analysis.characterize.result import Characterization
 from shockrig.analysis.checks.campaign_checks import checked
 from shockrig.analysis.design.choose import LEAST_GAIN, Choice, chase, choose_runs
-from shockrig.analysis.design.designs import Designs, KnownSoFar
 from shockrig.analysis.design.evidence import OpenDispute, of_second_probe
 from shockrig.analysis.design.goals import QUANTITY_OF, Goals, Place, places
 from shockrig.analysis.design.menu import ORDINARY, USUAL_C, PlannedShock, Surroundings, Usual, deciding_menu, opening
 from shockrig.analysis.design.minutes import learn, spent_minutes
+from shockrig.analysis.design.prospects import KnownSoFar, Prospects
 from shockrig.analysis.design.recorded_so_far import shock_of, usual_of, variety
 from shockrig.analysis.design.targets import Target, gained_by, measured, targets
 from shockrig.analysis.diagnose.diagnosed import ChannelOutcome
@@ -146,14 +146,14 @@ def _decided(
         return replace(state, status=ended[0], reason=ended[1])
     tied, channels = (looks.disputes, looks.channels) if goals.ties else ([], [])
     again = shock_of(runs[0]) if runs else None
-    designs = Designs.of(menu, tied, known, again if again is not None and feasible(again) else None, channels)
+    prospects = Prospects.of(menu, tied, known, again if again is not None and feasible(again) else None, channels)
     minutes, chased = learn(campaign), before.chased
     left = any(v.left for v in state.verdicts.values()) and not any(v.describes for v in state.verdicts.values())
     if first:
         chosen = [Choice(s, minutes.of(None, s)) for s in first][:count]
         considered: tuple[Choice, ...] = tuple(chosen)
     else:
-        chosen, considered = choose_runs(designs, minutes, runs, count)
+        chosen, considered = choose_runs(prospects, minutes, runs, count)
         chosen = _with_second_probe(looks.disputes, chosen) if len(campaigns) == 1 else chosen
         if goals.ties and left and chased < MOST_UNEXPLAINED:
             chosen, chased = chase(menu, runs, minutes)[:count], chased + 1

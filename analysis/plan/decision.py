@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from shockrig.analysis.design.choose import Choice, progress
+from shockrig.analysis.design.choose import Choice
 from shockrig.analysis.design.evidence import label_of
 from shockrig.analysis.design.goals import Goals, Place
 from shockrig.analysis.design.menu import PlannedShock, from_run
@@ -194,10 +194,7 @@ def log_entry(
         "probes": list(probes),
         "recorded": list(decision.recorded),
         **plan_document(decision, goals) | {"format": DECISION_FORMAT},
-        "targets": [
-            asdict(t) | {"label": t.label, "progress": measured(progress(t, t.relative**2, t.runs))}
-            for t in decision.targets
-        ],
+        "targets": [asdict(t) | {"label": t.label, "progress": measured(t.progress)} for t in decision.targets],
         "verdicts": {place: _verdict(verdict) for place, verdict in decision.verdicts.items()},
         "considered": [_run(choice) for choice in decision.considered],
         "vetoed": [shock.as_run() for shock in vetoed],

@@ -13,8 +13,7 @@ import pytest
 from benchmark_scripts import benchmark
 from small_worlds import QUIET
 
-from shockrig.analysis.design.choose import choose_runs, progress
-from shockrig.analysis.design.designs import Designs
+from shockrig.analysis.design.choose import choose_runs
 from shockrig.analysis.design.evidence import (
     REJECTED_FROM,
     Dispute,
@@ -28,6 +27,7 @@ from shockrig.analysis.design.goals import Goals, Precision, parse_goals
 from shockrig.analysis.design.information import information, nats
 from shockrig.analysis.design.menu import PlannedShock, Surroundings, Usual, deciding_menu, opening, precision_menu
 from shockrig.analysis.design.minutes import USUAL_BETWEEN_RECORDS, learn, moves, spent_minutes
+from shockrig.analysis.design.prospects import Prospects
 from shockrig.analysis.design.recorded_so_far import farthest, variety
 from shockrig.analysis.design.targets import Target, gained_by, measured, targets
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
@@ -209,9 +209,9 @@ def test_an_ambient_without_runs_is_worth_most(tmp_path):
 
 def test_progress_is_the_share_of_the_information_that_is_wanted():
     target = Target("humidity", 20.0, "D", 0.003, 0.006, 4)
-    assert progress(target, 0.006**2, 4) == pytest.approx(0.25)
-    assert progress(target, 0.001**2, 4) == 1.0
-    assert progress(target, 0.001**2, 1) == 0.5  # one run says nothing of how much runs differ
+    assert target.reached(0.006**2, 4) == pytest.approx(0.25)
+    assert target.reached(0.001**2, 4) == 1.0
+    assert target.reached(0.001**2, 1) == 0.5  # one run says nothing of how much runs differ
 
 
 # ---- evidence
@@ -560,8 +560,8 @@ def test_a_run_that_serves_two_disputes_comes_before_those_that_serve_one_better
     """Three runs of the same minutes: 4 for one pair, 4 for another, 3 for both."""
     menu = tuple(replace(UP, why=why) for why in ("one", "other", "both"))
     pairs = np.array([[4.0, 0.0, 3.0], [0.0, 4.0, 3.0]])
-    designs = Designs(menu, None, (), pairs, np.array([4.6, 4.6]), np.zeros(3), lambda planned: np.zeros((3, 2)))
-    chosen, considered = choose_runs(designs, learn(None), (), 1)
+    prospects = Prospects(menu, None, (), pairs, np.array([4.6, 4.6]), np.zeros(3), lambda planned: np.zeros((3, 2)))
+    chosen, considered = choose_runs(prospects, learn(None), (), 1)
     assert chosen[0].shock.why == "both" and {c.shock.why for c in considered} == {"one", "other", "both"}
 
 
@@ -572,9 +572,9 @@ def test_a_run_is_worth_what_two_of_its_kind_bring():
     minutes = learn(None)
     there = [minutes.of(UP.airs, shock) for shock in menu]
     assert 0.27 / there[0] > 0.5 / there[1]
-    designs = Designs(menu, None, (), np.zeros((0, 2)), np.zeros(0), np.zeros(2), lambda planned: worth)
+    prospects = Prospects(menu, None, (), np.zeros((0, 2)), np.zeros(0), np.zeros(2), lambda planned: worth)
     here = Run("0001", RunAir(20.0, 20.0), RunAir(20.0, 80.0), 6.0, 1013.25, 6.0, None, None, None)
-    assert choose_runs(designs, minutes, [here], 1)[0][0].shock.why == "far"
+    assert choose_runs(prospects, minutes, [here], 1)[0][0].shock.why == "far"
 
 
 def test_where_no_airs_are_known_any_run_is_unlike_those_recorded():
@@ -588,14 +588,14 @@ def test_where_no_airs_are_known_any_run_is_unlike_those_recorded():
 def test_the_first_run_comes_again_at_every_sixth_place_and_not_behind_one_that_closes():
     menu = (replace(UP, why="told"), replace(DOWN, why="again"))
     pairs, nothing = np.array([[1.0, 0.0]]), np.zeros(2)
-    designs = Designs(menu, 1, (), pairs, np.array([99.0]), nothing, lambda planned: np.zeros((2, 2)))
+    prospects = Prospects(menu, 1, (), pairs, np.array([99.0]), nothing, lambda planned: np.zeros((2, 2)))
 
     def planned(*recorded):
         runs = [
             Run(f"{i}", RunAir(20.0, 80.0 if a == "A" else 20.0), RunAir(20.0, 20.0 if a == "A" else 80.0),
                 None, 1013.25, 6.0, None, None, None) for i, a in enumerate("".join(recorded))
         ]  # fmt: skip
-        chosen, _ = choose_runs(designs, learn(None), runs, 8)
+        chosen, _ = choose_runs(prospects, learn(None), runs, 8)
         return "".join("A" if one.shock.why == "again" else "b" for one in chosen)
 
     assert planned("Abbbb") == "AbbbbbAb" and planned("Abbb") == "bAbbbbbA"
@@ -603,7 +603,7 @@ def test_the_first_run_comes_again_at_every_sixth_place_and_not_behind_one_that_
 
 
 def test_nothing_is_chosen_from_an_empty_menu():
-    nothing = Designs((), None, (), np.zeros((0, 0)), np.zeros(0), np.zeros(0), lambda planned: np.zeros((0, 2)))
+    nothing = Prospects((), None, (), np.zeros((0, 0)), np.zeros(0), np.zeros(0), lambda planned: np.zeros((0, 2)))
     assert choose_runs(nothing, learn(None), (), 3) == ([], ())
     assert Decision("", "").tied == {}
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.characterize.result import ChannelResult, Characterization
 from shockrig.analysis.design.evidence import OpenDispute, told_apart
-from shockrig.analysis.design.information import Information, information, rates_at
+from shockrig.analysis.design.information import Information, information, nats, rates_at
 from shockrig.analysis.design.menu import (
     LONG_S,
     LONGEST_S,
@@ -37,7 +37,7 @@ MOST_AMBIENTS = 3  # at which runs that decide are looked for
 
 
 @dataclass(frozen=True)
-class Precise:
+class WantedRates:
     """One channel's information, and which targets it holds: (target, index of its rate).
 
     `runs` (T,) is on how many each rests, `factors` (T,) the square of its uncertainty over that of the fit alone:
@@ -49,16 +49,23 @@ class Precise:
     runs: NDArray[np.int64]
     factors: Array
 
-    @property
-    def places(self) -> list[int]:
-        """Of the rates that targets want."""
-        return sorted({g for _, g in self.of})
-
     def helped(self, m: int) -> NDArray[np.bool_]:
         """The targets (T,) that run `m` of the menu tells anything of."""
         return np.array([self.info.added[m, g, g] > 1.0 for _, g in self.of])
 
-    def after(self, m: int) -> Precise:
+    def brought(self, m: int) -> tuple[list[float], float]:
+        """What run `m` of the menu brings: the share of each target's goal, and information on the rates that they want
+        [nats]."""
+        before, after = self.info.known, self.info.known + self.info.added[m]
+        now, then = self.info.variances(np.stack([before, after]))
+        targets = zip(self.of, self.factors, self.runs, self.helped(m), strict=True)
+        shares = [
+            max(one.reached(factor * then[g], runs + more) - one.reached(factor * now[g], runs), 0.0)
+            for (one, g), factor, runs, more in targets
+        ]
+        return shares, nats(before, after, sorted({g for _, g in self.of}))
+
+    def after(self, m: int) -> WantedRates:
         """With that run made."""
         info = replace(self.info, known=self.info.known + self.info.added[m])
         return replace(self, info=info, runs=self.runs + self.helped(m))
@@ -75,14 +82,14 @@ class KnownSoFar:
     fleets: Mapping[str, WithFleet] = field(default_factory=dict)
     population: Population | None = None
 
-    def precise(self, menu: Sequence[PlannedShock]) -> Iterator[Precise]:
+    def wanted_rates(self, menu: Sequence[PlannedShock]) -> Iterator[WantedRates]:
         """What runs would say of the rates that are wanted, as far as anything is known to design by."""
         for probe, one in self.found.items():
             for name, result in ({} if one is None else one.channels()).items():
                 own = [t for t in self.wanted if (t.channel, t.probe) == (name, probe)]
                 belongs = probe in self.fleets and self.fleets[probe].belongs(name)
                 if own:
-                    yield _precise(name, result, own, self.ambients_c, menu, self.population if belongs else None)
+                    yield _wanted_rates(name, result, own, self.ambients_c, menu, self.population if belongs else None)
 
     def menu(
         self,
@@ -99,7 +106,7 @@ class KnownSoFar:
 
 
 @dataclass(frozen=True)
-class Designs:
+class Prospects:
     """A menu with what each of its runs would bring.
 
     Attributes
@@ -108,7 +115,7 @@ class Designs:
         M runs; the last one is the anchor where there is one.
     anchor : int or None
         Where in the menu the first run once more is; it is chosen by its turn alone.
-    precise : tuple of Precise
+    wanted_rates : tuple of WantedRates
         For each channel with goals of precision.
     pairs : ndarray (P, M)
         Expected ln E of each run for each pair of tied explanations, without what the first of a dispute pays once.
@@ -122,7 +129,7 @@ class Designs:
 
     menu: tuple[PlannedShock, ...]
     anchor: int | None
-    precise: tuple[Precise, ...]
+    wanted_rates: tuple[WantedRates, ...]
     pairs: Array
     needed: Array
     evidence: Array
@@ -136,19 +143,19 @@ class Designs:
         known: KnownSoFar | None = None,
         again: PlannedShock | None = None,
         channels: Sequence[Channel] = (),
-    ) -> Designs:
+    ) -> Prospects:
         """A menu for what is tied and what is to be known better, with the variety that `channels` lack; `again` is the
         run that tells whether anything drifts."""
         anchor = [] if again is None else [replace(again, why="the first run once more: does anything drift?")]
         shocks = (*menu, *anchor)
-        precise = () if known is None or not shocks else tuple(known.precise(shocks))
+        wanted_rates = () if known is None or not shocks else tuple(known.wanted_rates(shocks))
         told = told_apart(disputes if shocks else (), shocks)
-        return cls(shocks, len(menu) if anchor else None, precise, *told, partial(variety, channels, shocks))
+        return cls(shocks, len(menu) if anchor else None, wanted_rates, *told, partial(variety, channels, shocks))
 
-    def after(self, m: int) -> Designs:
+    def after(self, m: int) -> Prospects:
         """With run `m` of the menu made."""
         left = np.maximum(self.needed - self.pairs[:, m], 0.0)
-        return replace(self, precise=tuple(p.after(m) for p in self.precise), needed=left)
+        return replace(self, wanted_rates=tuple(p.after(m) for p in self.wanted_rates), needed=left)
 
     @property
     def choosable(self) -> tuple[PlannedShock, ...]:
@@ -156,14 +163,14 @@ class Designs:
         return self.menu[: self.anchor]
 
 
-def _precise(
+def _wanted_rates(
     name: ChannelName,
     result: ChannelResult,
     wanted: Sequence[Target],
     ambients_c: Sequence[float],
     shocks: Sequence[PlannedShock],
     population: Population | None,
-) -> Precise:
+) -> WantedRates:
     """What runs would say of the rates that are wanted of a channel; with its type's population, where it is of it."""
     part = result.parts[0]
     info = information(part.problem, part.fit, result.noise, shocks, ambients_c)
@@ -175,7 +182,7 @@ def _precise(
     places = [0 if t.ambient_c is None else int(np.argmin(np.abs(info.ambients_c - t.ambient_c))) for t in wanted]
     now, runs = info.variances(info.known), np.array([t.runs for t in wanted])
     factors = np.array([t.relative**2 / now[g] if t.runs else 1.0 for t, g in zip(wanted, places, strict=True)])
-    return Precise(info, tuple(zip(wanted, places, strict=True)), runs, factors)
+    return WantedRates(info, tuple(zip(wanted, places, strict=True)), runs, factors)
 
 
 def _beforehand(info: Information, population: Population, name: ChannelName) -> Array:
