@@ -64,7 +64,7 @@ from shockrig.analysis.plan.decide import decide
 from shockrig.analysis.plan.decide_flight import advice, ranked
 from shockrig.analysis.plan.decision import CONTINUE
 from shockrig.analysis.plan.flight_plan import words
-from shockrig.analysis.plan.look import FEWEST_JUDGED, Verdict, look_at
+from shockrig.analysis.plan.look import FEWEST_JUDGED, Conclusion, look_at
 from shockrig.files.campaign import Campaign, read_campaign
 from shockrig.files.learned import read_learned
 from shockrig.rig.virtual.batch import simulate_campaign
@@ -228,10 +228,10 @@ def grown(seed: int) -> list[Line]:
     found, hidden = _hidden(seed)
     lines = []
     for name in QUANTITIES:
-        verdict, made = Verdict(), []
+        verdict, made = Conclusion(), []
         for runs in LOOKS:
             part = checked(replace(found, runs=found.runs[:runs])).campaign
-            verdict = look_at(part, name, verdict, final=runs is None).verdict
+            verdict = look_at(part, name, verdict, final=runs is None).conclusion
             made.append(verdict.runs)
         right = sorted(verdict.named) == hidden[name] and not verdict.tied
         lines.append({"right": right, "said": [verdict.verdict, *sorted(verdict.causes), *verdict.tied, made]})

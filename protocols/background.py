@@ -16,7 +16,7 @@ from shockrig.protocols.branch import end, end_with, ready, start
 
 if TYPE_CHECKING:
     from shockrig.analysis.design.goals import Place
-    from shockrig.analysis.plan.look import Verdict
+    from shockrig.analysis.plan.look import Conclusion
     from shockrig.files.campaign import Campaign
 
 NICER = 5  # than the recording, which must not wait
@@ -28,9 +28,9 @@ class Background:
     def __init__(self) -> None:
         self._process: multiprocessing.process.BaseProcess | None = None
         self._answers: Connection | None = None
-        self._found: dict[Place, Verdict] = {}
+        self._found: dict[Place, Conclusion] = {}
 
-    def begin(self, campaigns: Sequence[Campaign], due: Mapping[Place, Verdict]) -> None:
+    def begin(self, campaigns: Sequence[Campaign], due: Mapping[Place, Conclusion]) -> None:
         """Diagnose the places that are due in a checked campaign, as its probes saw it."""
         self.close()
         context = multiprocessing.get_context("spawn")
@@ -41,7 +41,7 @@ class Background:
         start(self._process)
         there.close()
 
-    def __call__(self, place: Place) -> Verdict | None:
+    def __call__(self, place: Place) -> Conclusion | None:
         """The verdict on a place, waited for where it is not there yet; None where the process came to nothing."""
         while place not in self._found and self._answers is not None:
             try:
@@ -61,7 +61,7 @@ class Background:
         self._process, self._answers, self._found = None, None, {}
 
 
-def _diagnose(answers: Connection, campaigns: Sequence[Campaign], due: Mapping[Place, Verdict], parent: int) -> None:
+def _diagnose(answers: Connection, campaigns: Sequence[Campaign], due: Mapping[Place, Conclusion], parent: int) -> None:
     """The process: verdicts of one place after the other; Ctrl-C is for the bench, which ends this too."""
     from shockrig.analysis.design.goals import places
     from shockrig.analysis.plan.look import look_at
@@ -72,6 +72,6 @@ def _diagnose(answers: Connection, campaigns: Sequence[Campaign], due: Mapping[P
     os.nice(NICER)
     try:
         for place, verdict in due.items():
-            answers.send((place, look_at(*places(campaigns)[place], verdict).verdict))
+            answers.send((place, look_at(*places(campaigns)[place], verdict).conclusion))
     except BrokenPipeError:
         pass  # nobody is there any more who wants to know

@@ -29,14 +29,14 @@ from shockrig.analysis.diagnose.grammar import MOST_RUNS
 from shockrig.analysis.estimate.quantity import QUANTITIES, looked_for
 from shockrig.analysis.fleet.fleet_prior import WithFleet, with_population
 from shockrig.analysis.plan.decision import CONTINUE, INCONCLUSIVE, MOST_UNEXPLAINED, Decision, ended_by, missing
-from shockrig.analysis.plan.look import FEWEST_JUDGED, Looks, Verdict, look_at
+from shockrig.analysis.plan.look import FEWEST_JUDGED, Conclusion, Looks, look_at
 from shockrig.files.campaign import Campaign
 from shockrig.files.campaign_names import sensor_name
 from shockrig.files.errors import InputError
 from shockrig.files.fleet_file import Population
 
 Progress = Callable[[str], None]
-Due = Callable[[Place], Verdict | None]
+Due = Callable[[Place], Conclusion | None]
 NONE_MADE: Mapping[Place, ChannelOutcome] = MappingProxyType({})
 
 
@@ -200,7 +200,7 @@ def with_due(campaigns: Sequence[Campaign], before: Decision, due: Due | None = 
         return before
     then = places(of_decision(one, before) for one in campaigns)
     verdicts = {
-        place: ((due and due(place)) or look_at(*then[place], verdict).verdict) if verdict.due else verdict
+        place: ((due and due(place)) or look_at(*then[place], verdict).conclusion) if verdict.due else verdict
         for place, verdict in before.verdicts.items()
     }
     return replace(before, verdicts=verdicts)
@@ -214,7 +214,7 @@ def of_decision(campaign: Campaign, decision: Decision) -> Campaign:
 
 def _look(
     campaigns: Sequence[Campaign],
-    before: Mapping[Place, Verdict],
+    before: Mapping[Place, Conclusion],
     final: bool,
     later: bool,
     made: Mapping[Place, ChannelOutcome],
@@ -224,13 +224,13 @@ def _look(
     for place, (campaign, name) in places(campaigns).items():
         if not final or place not in made:
             progress(f"{place}: {'diagnosing all runs' if final else 'looking at what is left'}")
-        looks[place] = look_at(campaign, name, before.get(place, Verdict()), final, later, made.get(place))
+        looks[place] = look_at(campaign, name, before.get(place, Conclusion()), final, later, made.get(place))
     return looks
 
 
 def _known(
     campaigns: Sequence[Campaign],
-    verdicts: Mapping[Place, Verdict],
+    verdicts: Mapping[Place, Conclusion],
     goals: Goals,
     population: Population | None,
     progress: Progress,

@@ -11,7 +11,7 @@ from shockrig.analysis.design.evidence import label_of
 from shockrig.analysis.design.goals import Goals, Place
 from shockrig.analysis.design.menu import PlannedShock, from_run
 from shockrig.analysis.design.targets import FEWEST_RUNS, Target
-from shockrig.analysis.plan.look import FEWEST_JUDGED, ChannelLook, Verdict
+from shockrig.analysis.plan.look import FEWEST_JUDGED, ChannelLook, Conclusion
 from shockrig.files.campaign_names import FIRST_PROBE
 from shockrig.files.json_files import made_of, measured
 from shockrig.files.plan_file import DECISION_FORMAT, PLAN_FORMAT
@@ -34,7 +34,7 @@ class Decision:
         Ids of the runs that it rests on.
     minutes_spent : float
     targets : tuple of Target
-    verdicts : mapping of a place, a channel of a probe, to Verdict
+    verdicts : mapping of a place, a channel of a probe, to Conclusion
     choices : tuple of Choice
         The runs to record next, in order.
     considered : tuple of Choice
@@ -52,7 +52,7 @@ class Decision:
     recorded: tuple[str, ...] = ()
     minutes_spent: float = 0.0
     targets: tuple[Target, ...] = ()
-    verdicts: Mapping[Place, Verdict] = field(default_factory=dict)
+    verdicts: Mapping[Place, Conclusion] = field(default_factory=dict)
     choices: tuple[Choice, ...] = ()
     considered: tuple[Choice, ...] = ()
     chased: int = 0
@@ -73,7 +73,7 @@ def ended_by(state: Decision, goals: Goals, looks: Mapping[Place, ChannelLook]) 
     tied, verdicts = state.tied, state.verdicts.values()
     unexplained = [name for name, verdict in state.verdicts.items() if verdict.left]
     given_up = [place for place, look in looks.items() if look.given_up]
-    judged = all(v.runs or looks[n].problem is None for n, v in state.verdicts.items())
+    judged = all(v.runs or looks[n].channel is None for n, v in state.verdicts.items())
     decided = judged and not tied and not given_up
     if met and (not goals.ties or (decided and not unexplained)):
         named, seen = dict.fromkeys(e for v in verdicts for e in v.named), any(v.runs for v in verdicts)
@@ -234,7 +234,7 @@ def _sum(values: Iterable[float | None]) -> float | None:
     return None if None in known else measured(sum(v for v in known if v is not None))
 
 
-def _verdict(verdict: Verdict) -> dict[str, Any]:
+def _verdict(verdict: Conclusion) -> dict[str, Any]:
     """As `remembered` reads it, with the labels of what was tied."""
     said = asdict(verdict)
     for dispute, own in ((verdict.dispute, said["dispute"]), *zip(verdict.settled, said["settled"], strict=True)):
@@ -247,7 +247,7 @@ def remembered(entry: Mapping[str, Any] | None) -> Decision | None:
     """What the next decision has to know of the last one, from its line in the log; None where there is none."""
     if entry is None:
         return None
-    verdicts = {place: made_of(Verdict, said) for place, said in entry["verdicts"].items()}
+    verdicts = {place: made_of(Conclusion, said) for place, said in entry["verdicts"].items()}
     recorded = tuple(entry["recorded"])
     return Decision(entry["status"], entry["reason"], recorded, verdicts=verdicts, chased=entry["chased"])
 

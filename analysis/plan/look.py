@@ -20,15 +20,19 @@ from shockrig.analysis.diagnose.thresholds import level
 from shockrig.analysis.effects.described import described, discovered_of, is_described
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.gather import build_channel
-from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import ChannelName
 from shockrig.files.campaign import Campaign
 from shockrig.files.causes import StatedEffect, Uncertain
 
+MOST_TIED = 6  # beside the best one
+FEWEST_JUDGED = 4  # that are diagnosed before the end
+MOST_RUNS_TRIED = 24  # by which a channel is given up of which fewer can be used
+MORE_RUNS = 1.2  # times as many as at the last diagnosis, from which on one that left something is made again
+
 
 @dataclass(frozen=True)
-class Verdict:
-    """What is kept of a channel from look to look.
+class Conclusion:
+    """What is concluded of a channel, and kept from look to look.
 
     Attributes
     ----------
@@ -108,22 +112,16 @@ class Verdict:
         return extension_of(causes, others, channel)
 
 
-MOST_TIED = 6  # beside the best one
-FEWEST_JUDGED = 4  # that are diagnosed before the end
-MOST_RUNS_TRIED = 24  # by which a channel is given up of which fewer can be used
-MORE_RUNS = 1.2  # times as many as at the last diagnosis, from which on one that left something is made again
-
-
 @dataclass(frozen=True)
 class ChannelLook:
-    """A channel at one look: its verdict, the problem (None where it cannot be diagnosed), and the explanations that
-    stand beside one another, as evidence is expected of them (None where there is one).
+    """What is concluded of a channel at one look, the channel (None where it cannot be diagnosed), and the explanations
+    that stand beside one another, as evidence is expected of them (None where there is one).
 
     `given_up` is True where many runs were made, and too few of them can be used to judge by.
     """
 
-    verdict: Verdict
-    problem: Problem | None = None
+    conclusion: Conclusion
+    channel: Channel | None = None
     tied: OpenDispute | None = None
     given_up: bool = False
 
@@ -132,9 +130,9 @@ class Looks(dict[Place, ChannelLook]):
     """What was seen at every place."""
 
     @property
-    def verdicts(self) -> dict[Place, Verdict]:
+    def verdicts(self) -> dict[Place, Conclusion]:
         """Of each place."""
-        return {place: look.verdict for place, look in self.items()}
+        return {place: look.conclusion for place, look in self.items()}
 
     @property
     def disputes(self) -> list[OpenDispute]:
@@ -144,7 +142,7 @@ class Looks(dict[Place, ChannelLook]):
     @property
     def channels(self) -> list[Channel]:
         """Those that can be judged."""
-        return [look.problem.channel for look in self.values() if look.problem is not None]
+        return [look.channel for look in self.values() if look.channel is not None]
 
 
 def spending(look: int) -> float:
@@ -155,7 +153,7 @@ def spending(look: int) -> float:
 def look_at(
     campaign: Campaign,
     name: ChannelName,
-    before: Verdict,
+    before: Conclusion,
     final: bool = False,
     later: bool = False,
     made: ChannelOutcome | None = None,
@@ -166,7 +164,7 @@ def look_at(
     ----------
     campaign : Campaign
     name : channel
-    before : Verdict
+    before : Conclusion
         Of the last look, or of this one where a diagnosis of its runs is due.
     final : bool
         Whether a verdict on all runs is wanted, come what may.
@@ -200,12 +198,12 @@ def look_at(
             ready = replace(ready, problem=found.problem, noise=found.noise, structure=found.plain.structure)
             now = _taken(outcome_of(found), now, final, ready)
     if now.dispute is None or now.decided:
-        return ChannelLook(now, ready.problem)
+        return ChannelLook(now, ready.problem.channel)
     fits = tuple(fitted(ready.problem, e, base) for e in now.standing)
-    return ChannelLook(now, ready.problem, OpenDispute(ready.problem, ready.noise, fits, now.dispute))
+    return ChannelLook(now, ready.problem.channel, OpenDispute(ready.problem, ready.noise, fits, now.dispute))
 
 
-def _taken(found: ChannelOutcome, before: Verdict, final: bool, ready: Prepared) -> Verdict:
+def _taken(found: ChannelOutcome, before: Conclusion, final: bool, ready: Prepared) -> Conclusion:
     """The verdict of a diagnosis, with what it leaves tied at this look; what new runs have ruled out stays out.
 
     Before the end an ambient may have a single run, without which it cannot be predicted: what is not seen in the fit
@@ -218,7 +216,7 @@ def _taken(found: ChannelOutcome, before: Verdict, final: bool, ready: Prepared)
     newly = (e for dispute in over for e in dispute.explanations if e not in dispute.standing)
     out = tuple(dict.fromkeys((*before.out, *(tuple(sorted(e)) for e in newly))))
     look = before.looks + 1
-    concluded = partial(Verdict, runs=len(found.runs), out=out, looks=look, settled=(*before.settled, *over))
+    concluded = partial(Conclusion, runs=len(found.runs), out=out, looks=look, settled=(*before.settled, *over))
     kept: dict[tuple[str, ...], Explanation] = {}
     for one in _possible(found, look):
         ids = tuple(sorted(one))

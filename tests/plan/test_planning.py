@@ -49,7 +49,7 @@ from shockrig.analysis.plan.decision import (
     plan_document,
     remembered,
 )
-from shockrig.analysis.plan.look import ChannelLook, Verdict, look_at, spending
+from shockrig.analysis.plan.look import ChannelLook, Conclusion, look_at, spending
 from shockrig.analysis.report.loop_page import chosen_section
 from shockrig.files.campaign import Run, RunAir
 from shockrig.files.errors import InputError
@@ -281,7 +281,7 @@ def test_what_nobody_listed_is_held_against_what_is_catalogued(tmp_path):
         told = against(ready.problem, ready.structure, Dispute(dispute, old))
         assert told[wrong] > REJECTED_FROM and told[1 - wrong] < 0.0
     assert Dispute(dispute, old).labels() == ["offset", "self_heating"]
-    verdict = Verdict("described", 6, dispute[0], Dispute(dispute, old, (0.0, 0.0)))
+    verdict = Conclusion("described", 6, dispute[0], Dispute(dispute, old, (0.0, 0.0)))
     assert verdict.named == () and verdict.describes and verdict.left
     assert verdict.extension("temperature").structure.ids == (form,)
 
@@ -313,11 +313,11 @@ def test_what_new_runs_bear_out_is_named_though_most_runs_cannot_show_it(tmp_pat
     lit = replace(LIVELY, effects=(Hidden("radiative_heating", {"kelvin_per_w_m2_at_5_m_s": 1e-3}),))
     sunny = replace(COOL, irradiance_w_m2=800.0)
     bench = recorded(tmp_path, lit, [sunny, *(COOL, WARM) * 3, COOL])
-    before = look_at(bench.campaign(), "temperature", Verdict()).verdict
+    before = look_at(bench.campaign(), "temperature", Conclusion()).conclusion
     assert set(before.tied) >= {"nothing", "radiative_heating"}
     bench.record_run(sunny.as_run())
     bench.record_run(sunny.as_run())
-    after = look_at(bench.campaign(), "temperature", before).verdict
+    after = look_at(bench.campaign(), "temperature", before).conclusion
     assert () in after.out and after.named == ("radiative_heating",) and after.verdict == "explained"
 
 
@@ -326,10 +326,10 @@ def test_what_hardly_ever_happens_is_tied_too_and_stays_where_the_likelier_is_ru
     """A clock that runs fast, which looks like a delay until a run is recorded for longer before its transfer."""
     fast = replace(LIVELY, effects=(Hidden("clock_drift", {"ppm": 14000.0}, ("temperature",)),))
     bench = recorded(tmp_path, fast, [COOL] * 4)
-    before = look_at(bench.campaign(), "temperature", Verdict()).verdict
+    before = look_at(bench.campaign(), "temperature", Conclusion()).conclusion
     assert before.tied == ("dead_time", "clock_drift")
     bench.record_run(replace(COOL, lead_s=30.0).as_run())
-    after = look_at(bench.campaign(), "temperature", before).verdict
+    after = look_at(bench.campaign(), "temperature", before).conclusion
     assert after.out == (("dead_time",),) and after.named == ("clock_drift",) and after.verdict == "explained"
 
 
@@ -643,7 +643,7 @@ def test_it_does_not_end_inconclusive_between_causes_of_which_all_runs_bear_out_
     bench = recorded(tmp_path, HEATED, [*start, *slow])
     recorded_then = tuple(f"{i + 1:04d}" for i in range(len(start)))
     late = OFFSET | {"dead_time": {"delay_s": 0.01}}
-    tied = Verdict("explained", 6, OFFSET, Dispute((OFFSET, late), recorded_then, (0.0, 0.0)), looks=1)
+    tied = Conclusion("explained", 6, OFFSET, Dispute((OFFSET, late), recorded_then, (0.0, 0.0)), looks=1)
     before = Decision(recorded=recorded_then, verdicts={"temperature": tied})
     probes = [replace(one, sensors={"imet": {}}) for one in bench.seen()]
     ended = decide(probes, parse_goals("ties decided"), before, feasible=lambda _: False)
@@ -661,7 +661,7 @@ def test_a_channel_that_is_given_up_is_said_to_be_and_no_tie_is_decided(monkeypa
 
 def test_a_channel_that_no_run_shows_is_said_to_be_beside_one_that_is_judged():
     """Before: the plain model was enough, and nothing told that it was of one channel alone."""
-    judged, silent = Verdict("adequate", 8), Verdict()
+    judged, silent = Conclusion("adequate", 8), Conclusion()
     state = Decision("", "", ("0001",), verdicts={"temperature": judged, "humidity": silent})
     looks = {"temperature": ChannelLook(judged), "humidity": ChannelLook(silent)}
     said = "all goals are met; the plain model is enough; humidity: no run shows it"
