@@ -166,27 +166,35 @@ def expected(tied: OpenDispute, shocks: Sequence[PlannedShock]) -> tuple[Array, 
 
     A run at an ambient of which a film's rate is not known yet says nothing.
     """
-    problem, noise, fits, dispute = tied
-    channel, so_far = problem.channel, dispute.so_far
-    degrees = dispute.degrees(channel.rates)
+    channel, fits, dispute = tied.problem.channel, tied.fits, tied.dispute
+    degrees, so_far = dispute.degrees(channel.rates), dispute.so_far
     old = np.isin(channel.run_ids, dispute.runs)
     found, each_further = np.zeros((2, len(fits), len(fits), len(shocks)))
-    new = imagined(problem, noise, shocks, channel.ambients_c)
-    at = [shown(new, one.structure, one.theta) for one in fits]
-    white = [new.whiten(readings) for readings, _ in at]
+    white, there = _imagined_under(tied, shocks, [(one.structure, one.theta) for one in fits])
     for i, true in enumerate(fits):
-        weight = 1.0 / new.with_rate_scatter(true.rate_scatter).scatter ** 2
-        known, own = true.arrow.normal, replace(at[i][1], weight=weight)
-        paid = [2.0 * nats(known, known + told, range(true.theta.size)) for told in own.told_by_each]
+        known = true.arrow.normal
+        paid = [2.0 * nats(known, known + told, range(true.theta.size)) for told in there[i][i].told_by_each]
         for j, rival in ((j, one) for j, one in enumerate(fits) if j != i):
-            told, there = rival.arrow.of_runs(old).told, replace(at[j][1], weight=weight)
-            twice = _apart(white[i] - white[j], there, rival.arrow.told - (1.0 - OLD_RUNS_POWER) * told) - paid
-            once = _allowed(there.told_by_each, told) if old.all() else np.zeros(len(shocks))
+            told = rival.arrow.of_runs(old).told
+            twice = _apart(white[i] - white[j], there[i][j], rival.arrow.told - (1.0 - OLD_RUNS_POWER) * told) - paid
+            once = _allowed(there[i][j].told_by_each, told) if old.all() else np.zeros(len(shocks))
             before = _not_student(so_far[j], degrees)
             for out, adds in ((found, twice + once), (each_further, twice)):
                 out[i, j] = [student(before + 0.5 * float(x), degrees) - so_far[j] for x in adds]
     known_there = rates_known(channel, shocks)
     return found * known_there, each_further * known_there
+
+
+def _imagined_under(
+    tied: OpenDispute, shocks: Sequence[PlannedShock], models: Sequence[tuple[Structure, Array]]
+) -> tuple[list[Array], list[list[Arrow]]]:
+    """What each explanation's model, at its theta, shows of runs, whitened (M, n); and, with the scatter of rates of
+    each explanation, the normal equations there of each one's."""
+    new = imagined(tied.problem, tied.noise, shocks, tied.problem.channel.ambients_c)
+    at = [shown(new, structure, theta) for structure, theta in models]
+    weights = [1.0 / new.with_rate_scatter(one.rate_scatter).scatter ** 2 for one in tied.fits]
+    white = [new.whiten(readings) for readings, _ in at]
+    return white, [[replace(arrow, weight=weight) for _, arrow in at] for weight in weights]
 
 
 def _apart(difference: Array, there: Arrow, known: Array) -> Array:
@@ -209,29 +217,21 @@ def of_second_probe(tied: OpenDispute, shocks: Sequence[PlannedShock]) -> Array:
     It shows what the air does as the first one does, and none of the faults that are the first one's own. Its rate is
     its own, and so are its runs' random effects: what it says of a start that both share is not counted.
     """
-    problem, noise, fits, dispute = tied
-    channel, degrees = problem.channel, dispute.degrees(problem.channel.rates)
+    channel, fits, dispute = tied.problem.channel, tied.fits, tied.dispute
+    degrees = dispute.degrees(channel.rates)
     common = frozenset.intersection(*(frozenset(one.structure.ids) for one in fits))
+    of_second = [_as_of_second(one, common) for one in fits]
+    white, there = _imagined_under(tied, shocks, [(structure, theta) for structure, theta, _ in of_second])
     found = np.zeros((len(fits), len(fits), len(shocks)))
-    new = imagined(problem, noise, shocks, channel.ambients_c)
-    at, known = [], []
-    for one in fits:
-        structure, places, told = _as_of_second(one, common)
-        at.append(shown(new, structure, one.theta[places]))
-        known.append(told)
-    white = [new.whiten(readings) for readings, _ in at]
-    for i, true in enumerate(fits):
-        weight = 1.0 / new.with_rate_scatter(true.rate_scatter).scatter ** 2
-        for j in (j for j in range(len(fits)) if j != i):
-            there = replace(at[j][1], weight=weight)
-            twice = _apart(white[i] - white[j], there, known[j])
-            found[i, j] = [student(0.5 * float(x), degrees) for x in twice]
+    for i, j in permutations(range(len(fits)), 2):
+        twice = _apart(white[i] - white[j], there[i][j], of_second[j][2])
+        found[i, j] = [student(0.5 * float(x), degrees) for x in twice]
     return _averaged(found.max(axis=1) * rates_known(channel, shocks), dispute)
 
 
-def _as_of_second(found: Fit, common: frozenset[str]) -> tuple[Structure, list[int], Array]:
+def _as_of_second(found: Fit, common: frozenset[str]) -> tuple[Structure, Array, Array]:
     """An explanation of one probe's runs as a second probe's: effects of the surroundings, those that no rival denies;
-    where its theta stands in the first one's, and what that one's runs say of the effects (a precision)."""
+    its theta, and what the first one's runs say of the effects (a precision)."""
     model = found.model
     kept = found.structure.keeping(common | {e.id for e in found.structure.effects if e.of_surroundings})
     effects = [model.place(name) for name in kept.names]
@@ -240,7 +240,7 @@ def _as_of_second(found: Fit, common: frozenset[str]) -> tuple[Structure, list[i
     known = np.zeros((len(places), len(places)))
     here = slice(len(rates), len(rates) + len(effects))
     known[here, here] = np.linalg.pinv(found.covariance[np.ix_(effects, effects)], hermitian=True)
-    return kept, places, known
+    return kept, found.theta[places], known
 
 
 def told_apart(disputes: Iterable[OpenDispute], shocks: Sequence[PlannedShock]) -> tuple[Array, Array, Array]:
