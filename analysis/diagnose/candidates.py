@@ -144,11 +144,11 @@ def _candidate(effect: Effect, starts: Sequence[dict[str, float]], channel: Chan
     return Candidate(effect, tuple(starts), log_prior(effect, channel, len(starts)))
 
 
-def at_bound(effect: Effect, values: Mapping[str, float]) -> tuple[str, ...]:
-    """Parameters of an effect that stand at a bound of their range, where that says nothing of it."""
+def at_bound(effect: Effect, parameters: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
+    """Parameters of a fitted effect that stand at a bound of their range, where that says nothing of it."""
     out = []
     for parameter in (one for one in effect.parameters if not one.ends_say):
-        value = values[parameter.name]
+        value, _ = parameters[parameter.name]
         width = 1e-3 * (parameter.high - parameter.low)
         above = 1e-6 if parameter.log else min(width, 0.1 * abs(parameter.low) or width)
         if value <= parameter.low + above or value >= parameter.high - width:
@@ -158,9 +158,7 @@ def at_bound(effect: Effect, values: Mapping[str, float]) -> tuple[str, ...]:
 
 def says_nothing(effect: Effect, parameters: Mapping[str, tuple[float, float]]) -> bool:
     """Whether a parameter of a fitted effect stands at the end of its range, or may be anything in it."""
-    if at_bound(effect, {name: value for name, (value, _) in parameters.items()}):
-        return True
-    return bool(may_be_anything(effect, parameters))
+    return bool(at_bound(effect, parameters) or may_be_anything(effect, parameters))
 
 
 def may_be_anything(effect: Effect, parameters: Mapping[str, tuple[float, float]]) -> list[str]:

@@ -58,7 +58,7 @@ class Race:
     """A search under way: its problem, the candidates, and the pool of models so far."""
 
     def __init__(self, problem: Problem, base: Structure, among: Sequence[Candidate]) -> None:
-        self.problem, self.base, self.fixed = problem, base, frozenset(base.ids)
+        self.problem, self.fixed = problem, frozenset(base.ids)
         self.among = tuple(among)
         self.bare = bare_forms(problem.channel) if any(one.form for one in among) else ()
         self.bump = bumps(problem)

@@ -53,7 +53,7 @@ def causes_in(ready: Prepared, found: Search, final: Fit) -> tuple[Cause, ...]:
             if not is_described(new)
         )
         without = max((one.value for one in found.pool if effect not in one.ids), default=found.plain.value)
-        ends = at_bound(CATALOGUE[effect], {name: value for name, (value, _) in own.items()})
+        ends = at_bound(CATALOGUE[effect], own)
         probability = round(found.probability(effect), 4)
         gained = found.best.value - without
         causes.append(Cause(effect, _uncertain(own), probability, tuple(instead), ends, nats=gained))

@@ -213,21 +213,20 @@ def _taken(found: ChannelOutcome, before: Conclusion, final: bool, ready: Prepar
     if not final and found.passed and verdict == "unexplained":
         verdict = "adequate" if all(map(is_described, found.stated)) else "explained"
     over = () if before.dispute is None else (before.dispute,)
-    newly = (e for dispute in over for e in dispute.explanations if e not in dispute.standing)
-    out = tuple(dict.fromkeys((*before.out, *(tuple(sorted(e)) for e in newly))))
+    newly = (_ids(e) for dispute in over for e in dispute.explanations if e not in dispute.standing)
+    out = tuple(dict.fromkeys((*before.out, *newly)))
     look = before.looks + 1
     concluded = partial(Conclusion, runs=len(found.runs), out=out, looks=look, settled=(*before.settled, *over))
     kept: dict[tuple[str, ...], Explanation] = {}
     for one in _possible(found, look):
-        ids = tuple(sorted(one))
-        if ids not in out:
-            kept.setdefault(ids, one)
+        if _ids(one) not in out:
+            kept.setdefault(_ids(one), one)
     # What stood before and is not out stands where all that the diagnosis thinks of is out.
-    survivors = [one for one in before.standing or (before.causes,) if tuple(sorted(one)) not in out]
+    survivors = [one for one in before.standing or (before.causes,) if _ids(one) not in out]
     explanations = tuple(kept.values() or survivors)
     if not explanations:
         return concluded("unexplained", causes=found.stated, final=as_at_the_end)
-    if tuple(sorted(found.stated)) in out:
+    if _ids(found.stated) in out:
         # What this look does not think best, new runs have borne out: what is left is judged of the model they leave.
         if judge(ready.problem, fitted(ready.problem, explanations[0], ready.structure)).passed:
             verdict, as_at_the_end = "explained" if explanations[0] else "adequate", True
@@ -236,6 +235,11 @@ def _taken(found: ChannelOutcome, before: Conclusion, final: bool, ready: Prepar
     nothing_yet = (0.0,) * len(explanations)
     dispute = Dispute(explanations, found.runs, nothing_yet) if len(explanations) > 1 else None
     return concluded(verdict, causes=explanations[0], dispute=dispute, final=as_at_the_end)
+
+
+def _ids(explanation: Explanation) -> tuple[str, ...]:
+    """Of its effects: two explanations with the same ones are one."""
+    return tuple(sorted(explanation))
 
 
 def _possible(found: ChannelOutcome, look: int) -> list[Explanation]:
