@@ -8,8 +8,7 @@ worth of a run = sum over goals of the share of what is wanted that it adds (var
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -30,7 +29,7 @@ from shockrig.analysis.estimate.quantity import QUANTITIES, looked_for
 from shockrig.analysis.fleet.fleet_prior import WithFleet, with_population
 from shockrig.analysis.plan.decision import CONTINUE, INCONCLUSIVE, MOST_UNEXPLAINED, Decision, ended_by, missing
 from shockrig.analysis.plan.look import FEWEST_JUDGED, Conclusion, Looks, look_at
-from shockrig.files.campaign import Campaign
+from shockrig.files.campaign import Campaign, Run
 from shockrig.files.campaign_names import sensor_name
 from shockrig.files.errors import InputError
 from shockrig.files.fleet_file import Population
@@ -91,80 +90,152 @@ def decide(
     _demand_sensors(goals, campaigns)
     usual = usual_of(next(iter(campaigns), None), goals, surroundings)
     campaigns = tuple(checked(one).campaign for one in campaigns)
-    decided = partial(_decided, campaigns, goals, usual, feasible, count, later, made, population, progress)
-    found = decided(before)
+    case = _Case(campaigns, goals, usual, feasible, count, later, made, population, progress)
+    found = case.decided(before)
     if found.status == INCONCLUSIVE and found.recorded:
         # What is tied was found at an earlier look: all runs may say something else.
-        found = decided(replace(before, verdicts=found.verdicts), final=True)
+        found = case.decided(replace(before, verdicts=found.verdicts), final=True)
     return found
 
 
-def _decided(
-    campaigns: Sequence[Campaign],
-    goals: Goals,
-    usual: Usual,
-    feasible: Callable[[PlannedShock], bool],
-    count: int,
-    later: bool,
-    made: Mapping[Place, ChannelOutcome],
-    population: Population | None,
-    progress: Progress,
-    before: Decision,
-    final: bool = False,
-) -> Decision:
-    """What to record next after a decision; with `final` it rests on a diagnosis of all runs, come what may."""
-    campaign = next(iter(campaigns), None)
-    runs = () if campaign is None else campaign.runs
-    spent = 0.0 if campaign is None else sum(spent_minutes(campaign).values())
-    recorded = tuple(run.id for run in runs)
+@dataclass(frozen=True)
+class _Case:
+    """What a decision is taken on, as `decide` is given it; the campaigns are checked."""
 
-    looks = _look(campaigns, before.verdicts, final, later, made, progress)
-    known = _known(campaigns, looks.verdicts, goals, population, progress)
-    met = all(t.met for t in known.wanted) and not any(v.tied for v in looks.verdicts.values())
-    menu = known.menu(looks.disputes if goals.ties else None, usual, feasible)
-    # What depends on a direction or an airflow that no run has had can be no finding.
-    unvaried = goals.ties and bool(variety(looks.channels, menu).any())
-    first = _opening(campaigns, goals, usual, feasible, known.found)
-    if met and recorded and not unvaried and not first:
-        judged = looks.verdicts
-        looks = _look(campaigns, judged, True, later, made, progress)
-        if any(looks.verdicts[place].causes != then.causes for place, then in judged.items()):
-            known = _known(campaigns, looks.verdicts, goals, population, progress)
-        menu = known.menu(looks.disputes if goals.ties else None, usual, feasible)
-    new = set(recorded) - set(before.recorded)
-    came = [gained_by(new, own, [t for t in known.wanted if t.probe == p]) for p, own in known.found.items() if new]
-    state = Decision(
-        recorded=recorded,
-        minutes_spent=spent,
-        targets=tuple(known.wanted),
-        verdicts=looks.verdicts,
-        chased=before.chased,
-        unvaried=unvaried,
-        gained=sum(came) if new else None,
-    )
-    if not unvaried and not (goals.ties and first) and (ended := ended_by(state, goals, looks)):
-        return replace(state, status=ended[0], reason=ended[1])
-    tied, channels = (looks.disputes, looks.channels) if goals.ties else ([], [])
-    again = shock_of(runs[0]) if runs else None
-    prospects = Prospects.of(menu, tied, known, again if again is not None and feasible(again) else None, channels)
-    minutes, chased = learn(campaign), before.chased
-    left = any(v.left for v in state.verdicts.values()) and not any(v.describes for v in state.verdicts.values())
-    if first:
-        chosen = [Choice(s, minutes.of(None, s)) for s in first][:count]
-        considered: tuple[Choice, ...] = tuple(chosen)
-    else:
-        chosen, considered = choose_runs(prospects, minutes, runs, count)
-        chosen = _with_second_probe(looks.disputes, chosen) if len(campaigns) == 1 else chosen
-        if goals.ties and left and chased < MOST_UNEXPLAINED:
-            chosen, chased = chase(menu, runs, minutes)[:count], chased + 1
-    if not chosen:
-        reason = f"no run of the menu brings what is missing: {missing(state)}"
-        return replace(state, status=INCONCLUSIVE, reason=reason)
-    chosen, enough = _within(goals, chosen, considered, spent, len(runs))
-    if enough:
-        return replace(state, status=INCONCLUSIVE, reason=f"{enough}; {missing(state)}", considered=considered)
-    reason, choices = missing(state), tuple(chosen)
-    return replace(state, status=CONTINUE, reason=reason, choices=choices, considered=considered, chased=chased)
+    campaigns: Sequence[Campaign]
+    goals: Goals
+    usual: Usual
+    feasible: Callable[[PlannedShock], bool]
+    count: int
+    later: bool
+    made: Mapping[Place, ChannelOutcome]
+    population: Population | None
+    progress: Progress
+
+    @property
+    def runs(self) -> tuple[Run, ...]:
+        """All that were recorded."""
+        return self.campaigns[0].runs if self.campaigns else ()
+
+    def decided(self, before: Decision, final: bool = False) -> Decision:
+        """What to record next after a decision; with `final` it rests on a diagnosis of all runs, come what may."""
+        campaign, runs = next(iter(self.campaigns), None), self.runs
+        spent = 0.0 if campaign is None else sum(spent_minutes(campaign).values())
+        recorded = tuple(run.id for run in runs)
+
+        looks = self.looks(before.verdicts, final)
+        known = self.known(looks.verdicts)
+        met = all(t.met for t in known.wanted) and not any(v.tied for v in looks.verdicts.values())
+        menu = known.menu(looks.disputes if self.goals.ties else None, self.usual, self.feasible)
+        # What depends on a direction or an airflow that no run has had can be no finding.
+        unvaried = self.goals.ties and bool(variety(looks.channels, menu).any())
+        first = self.first_runs(known.found)
+        if met and recorded and not unvaried and not first:
+            judged = looks.verdicts
+            looks = self.looks(judged, final=True)
+            if any(looks.verdicts[place].causes != then.causes for place, then in judged.items()):
+                known = self.known(looks.verdicts)
+            menu = known.menu(looks.disputes if self.goals.ties else None, self.usual, self.feasible)
+        new = set(recorded) - set(before.recorded)
+        came = [gained_by(new, own, [t for t in known.wanted if t.probe == p]) for p, own in known.found.items() if new]
+        state = Decision(
+            recorded=recorded,
+            minutes_spent=spent,
+            targets=tuple(known.wanted),
+            verdicts=looks.verdicts,
+            chased=before.chased,
+            unvaried=unvaried,
+            gained=sum(came) if new else None,
+        )
+        if not unvaried and not (self.goals.ties and first) and (ended := ended_by(state, self.goals, looks)):
+            return replace(state, status=ended[0], reason=ended[1])
+        tied, channels = (looks.disputes, looks.channels) if self.goals.ties else ([], [])
+        again = shock_of(runs[0]) if runs else None
+        again = again if again is not None and self.feasible(again) else None
+        prospects = Prospects.of(menu, tied, known, again, channels)
+        minutes, chased = learn(campaign), before.chased
+        left = any(v.left for v in state.verdicts.values()) and not any(v.describes for v in state.verdicts.values())
+        if first:
+            chosen = [Choice(s, minutes.of(None, s)) for s in first][: self.count]
+            considered: tuple[Choice, ...] = tuple(chosen)
+        else:
+            chosen, considered = choose_runs(prospects, minutes, runs, self.count)
+            chosen = _with_second_probe(looks.disputes, chosen) if len(self.campaigns) == 1 else chosen
+            if self.goals.ties and left and chased < MOST_UNEXPLAINED:
+                chosen, chased = chase(menu, runs, minutes)[: self.count], chased + 1
+        if not chosen:
+            reason = f"no run of the menu brings what is missing: {missing(state)}"
+            return replace(state, status=INCONCLUSIVE, reason=reason)
+        chosen, enough = self.within(chosen, considered, spent)
+        if enough:
+            return replace(state, status=INCONCLUSIVE, reason=f"{enough}; {missing(state)}", considered=considered)
+        reason, choices = missing(state), tuple(chosen)
+        return replace(state, status=CONTINUE, reason=reason, choices=choices, considered=considered, chased=chased)
+
+    def looks(self, before: Mapping[Place, Conclusion], final: bool) -> Looks:
+        """What is seen at every place."""
+        looks = Looks()
+        for place, (campaign, name) in places(self.campaigns).items():
+            if not final or place not in self.made:
+                self.progress(f"{place}: {'diagnosing all runs' if final else 'looking at what is left'}")
+            then, made = before.get(place, Conclusion()), self.made.get(place)
+            looks[place] = look_at(campaign, name, then, final, self.later, made)
+        return looks
+
+    def known(self, verdicts: Mapping[Place, Conclusion]) -> KnownSoFar:
+        """What is known by each probe, with what is named of it in the model; what the sensors' type adds to that; and
+        how far it is what the goals want of every probe that has the sensor for it."""
+        if not self.campaigns:
+            return KnownSoFar(self.goals.ambients_c, targets(self.goals, None, population=self.population))
+        found, fleets, wanted = dict[str, Characterization | None](), dict[str, WithFleet](), list[Target]()
+        for one in self.campaigns:
+            names, probe = looked_for(one), one.probe
+            of = {name: verdicts[sensor_name(name, probe)] for name in names}
+            extensions = {name: verdict.extension(name) for name, verdict in of.items() if verdict.causes}
+            found[probe] = own = measured(one, extensions)
+            if self.population is not None and own is not None:
+                fleets[probe] = fleet = with_population(own, self.population)
+                for channel, sentence in zip(fleet.probability, fleet.sentences, strict=True):
+                    if not fleet.belongs(channel):
+                        self.progress(sentence)
+            wanted += [
+                t for t in targets(self.goals, own, probe, fleets.get(probe), self.population) if t.channel in names
+            ]
+        return KnownSoFar(self.goals.ambients_c, wanted, found, fleets, self.population)
+
+    def first_runs(self, found: Mapping[str, Characterization | None]) -> list[PlannedShock]:
+        """The runs that a campaign begins with, as far as they show channels that no run has shown, those of rarer
+        directions first; none where the first runs were many and showed nothing.
+
+        Any other of the menu will do where the bench can make none of these, or the operator wants none.
+        """
+        lacking = {name for name in QUANTITIES if self.goals.ties or name in self.goals.channels}
+        if self.campaigns:
+            known = {(one.probe, n) for one in self.campaigns if (own := found[one.probe]) for n in own.channels()}
+            there = {(one.probe, n) for one in self.campaigns for n in lacking if QUANTITIES[n].sensor in one.sensors}
+            lacking = {name for _, name in there - known}
+        if not lacking or len(self.runs) >= 2 * FEWEST_JUDGED:
+            return []
+        middle = min(self.goals.ambients_c, key=lambda t: abs(t - USUAL_C))
+        begin = [s for s in opening(middle, self.usual) if self.usual.allows(s) and s.shows in lacking]
+        others = [s for s in deciding_menu([middle], self.usual) if s.shows in lacking and self.feasible(s)]
+        ways = [s.way for run in self.runs if (s := shock_of(run)) is not None]
+        return sorted(filter(self.feasible, begin), key=lambda s: ways.count(s.way)) or others[: len(begin)]
+
+    def within(self, chosen: list[Choice], considered: Sequence[Choice], spent: float) -> tuple[list[Choice], str]:
+        """The chosen runs for which the minutes suffice that were given; and why there is none, if there is none.
+
+        Where none were given it ends where no run brings enough, of those that are chosen for what they bring.
+        """
+        if self.goals.minutes is not None:
+            ends = spent + np.cumsum([c.minutes for c in chosen])
+            chosen = [c for c, end in zip(chosen, ends, strict=True) if end <= self.goals.minutes]
+            return chosen, "" if chosen else f"{self.goals.minutes:g} minutes are spent"
+        if len(self.runs) >= MOST_RUNS:
+            return [], f"{len(self.runs)} runs are recorded, and no minutes were given for more"
+        if not np.isnan(chosen[0].information) and max(c.worth for c in considered) < LEAST_GAIN:
+            return [], f"no run brings {100 * LEAST_GAIN:g} % of a goal, and no minutes were given for more"
+        return chosen, ""
 
 
 def _with_second_probe(disputes: Sequence[OpenDispute], chosen: Sequence[Choice]) -> list[Choice]:
@@ -174,24 +245,6 @@ def _with_second_probe(disputes: Sequence[OpenDispute], chosen: Sequence[Choice]
     for one in disputes if chosen else ():
         more = np.maximum(more, of_second_probe(one, shocks))
     return [replace(choice, beside=float(x)) for choice, x in zip(chosen, more, strict=True)]
-
-
-def _within(
-    goals: Goals, chosen: list[Choice], considered: Sequence[Choice], spent: float, recorded: int
-) -> tuple[list[Choice], str]:
-    """The chosen runs for which the minutes suffice that were given; and why there is none, if there is none.
-
-    Where none were given it ends where no run brings enough, of those that are chosen for what they bring.
-    """
-    if goals.minutes is not None:
-        ends = spent + np.cumsum([c.minutes for c in chosen])
-        chosen = [c for c, end in zip(chosen, ends, strict=True) if end <= goals.minutes]
-        return chosen, "" if chosen else f"{goals.minutes:g} minutes are spent"
-    if recorded >= MOST_RUNS:
-        return [], f"{recorded} runs are recorded, and no minutes were given for more"
-    if not np.isnan(chosen[0].information) and max(c.worth for c in considered) < LEAST_GAIN:
-        return [], f"no run brings {100 * LEAST_GAIN:g} % of a goal, and no minutes were given for more"
-    return chosen, ""
 
 
 def with_due(campaigns: Sequence[Campaign], before: Decision, due: Due | None = None) -> Decision:
@@ -212,48 +265,6 @@ def of_decision(campaign: Campaign, decision: Decision) -> Campaign:
     return checked(replace(campaign, runs=runs)).campaign
 
 
-def _look(
-    campaigns: Sequence[Campaign],
-    before: Mapping[Place, Conclusion],
-    final: bool,
-    later: bool,
-    made: Mapping[Place, ChannelOutcome],
-    progress: Progress,
-) -> Looks:
-    looks = Looks()
-    for place, (campaign, name) in places(campaigns).items():
-        if not final or place not in made:
-            progress(f"{place}: {'diagnosing all runs' if final else 'looking at what is left'}")
-        looks[place] = look_at(campaign, name, before.get(place, Conclusion()), final, later, made.get(place))
-    return looks
-
-
-def _known(
-    campaigns: Sequence[Campaign],
-    verdicts: Mapping[Place, Conclusion],
-    goals: Goals,
-    population: Population | None,
-    progress: Progress,
-) -> KnownSoFar:
-    """What is known by each probe, with what is named of it in the model; what the sensors' type adds to that; and how
-    far it is what the goals want of every probe that has the sensor for it."""
-    if not campaigns:
-        return KnownSoFar(goals.ambients_c, targets(goals, None, population=population))
-    found, fleets, wanted = dict[str, Characterization | None](), dict[str, WithFleet](), list[Target]()
-    for one in campaigns:
-        names, probe = looked_for(one), one.probe
-        of = {name: verdicts[sensor_name(name, probe)] for name in names}
-        extensions = {name: verdict.extension(name) for name, verdict in of.items() if verdict.causes}
-        found[probe] = own = measured(one, extensions)
-        if population is not None and own is not None:
-            fleets[probe] = fleet = with_population(own, population)
-            for channel, sentence in zip(fleet.probability, fleet.sentences, strict=True):
-                if not fleet.belongs(channel):
-                    progress(sentence)
-        wanted += [t for t in targets(goals, own, probe, fleets.get(probe), population) if t.channel in names]
-    return KnownSoFar(goals.ambients_c, wanted, found, fleets, population)
-
-
 def _demand_sensors(goals: Goals, campaigns: Sequence[Campaign]) -> None:
     """Refuse a goal of a sensor that no probe of the campaign has: no run would ever reach it."""
     there = {name for one in campaigns for name in looked_for(one)}
@@ -262,30 +273,3 @@ def _demand_sensors(goals: Goals, campaigns: Sequence[Campaign]) -> None:
             lacking = " or ".join(QUANTITIES[name].instrument for name in QUANTITY_OF[one.quantity])
             has_none = f"{campaigns[0].name} has none; leave it out"
             raise InputError(f"--until: {one}: is a goal of a {lacking}, and {has_none}")
-
-
-def _opening(
-    campaigns: Sequence[Campaign],
-    goals: Goals,
-    usual: Usual,
-    feasible: Callable[[PlannedShock], bool],
-    found: Mapping[str, Characterization | None],
-) -> list[PlannedShock]:
-    """The runs that a campaign begins with, as far as they show channels that no run has shown, those of rarer
-    directions first; none where the first runs were many and showed nothing.
-
-    Any other of the menu will do where the bench can make none of these, or the operator wants none.
-    """
-    lacking = {name for name in QUANTITIES if goals.ties or name in goals.channels}
-    runs = campaigns[0].runs if campaigns else ()
-    if campaigns:
-        known = {(one.probe, n) for one in campaigns if (own := found[one.probe]) for n in own.channels()}
-        there = {(one.probe, n) for one in campaigns for n in lacking if QUANTITIES[n].sensor in one.sensors}
-        lacking = {name for _, name in there - known}
-    if not lacking or len(runs) >= 2 * FEWEST_JUDGED:
-        return []
-    middle = min(goals.ambients_c, key=lambda t: abs(t - USUAL_C))
-    begin = [s for s in opening(middle, usual) if usual.allows(s) and s.shows in lacking]
-    others = [s for s in deciding_menu([middle], usual) if s.shows in lacking and feasible(s)]
-    ways = [s.way for run in runs if (s := shock_of(run)) is not None]
-    return sorted(filter(feasible, begin), key=lambda s: ways.count(s.way)) or others[: len(begin)]
