@@ -89,20 +89,41 @@ class KnownSoFar:
                 own = [t for t in self.wanted if (t.channel, t.probe) == (name, probe)]
                 belongs = probe in self.fleets and self.fleets[probe].belongs(name)
                 if own:
-                    yield _wanted_rates(name, result, own, self.ambients_c, menu, self.population if belongs else None)
+                    yield self._rates_of(result, own, menu, self.population if belongs else None)
 
     def menu(
-        self,
-        disputes: Sequence[OpenDispute] | None,
-        usual: Usual,
-        allowed: Callable[[PlannedShock], bool],
+        self, disputes: Sequence[OpenDispute] | None, usual: Usual, allowed: Callable[[PlannedShock], bool]
     ) -> tuple[PlannedShock, ...]:
         """Runs that could be made; no deciding ones where `disputes` is None."""
-        dwells = partial(_dwell_s, self.found)
-        menu = precision_menu(self.ambients_c, usual, dwells)
+        menu = precision_menu(self.ambients_c, usual, self.dwell_s)
         if disputes is not None:
-            menu += deciding_menu(deciding_ambients(disputes), usual, dwells)
+            menu += deciding_menu(deciding_ambients(disputes), usual, self.dwell_s)
         return tuple(dict.fromkeys(s for s in menu if allowed(s)))
+
+    def _rates_of(
+        self, result: ChannelResult, wanted: Sequence[Target], menu: Sequence[PlannedShock], of_type: Population | None
+    ) -> WantedRates:
+        """Of one channel; with what is known of its type, where it is of it."""
+        part = result.parts[0]
+        info = information(part.problem, part.fit, result.noise, menu, self.ambients_c)
+        plain = not part.fit.structure.effects and not part.channel.quantity.pooled
+        used = np.array([s.isothermal or not plain for s in menu])
+        info = replace(info, added=info.added * used[:, None, None])
+        if of_type is not None:
+            info = replace(info, known=info.known + _beforehand(info, of_type, part.channel.name))
+        places = [0 if t.ambient_c is None else int(np.argmin(np.abs(info.ambients_c - t.ambient_c))) for t in wanted]
+        now, runs = info.variances(info.known), np.array([t.runs for t in wanted])
+        factors = np.array([t.relative**2 / now[g] if t.runs else 1.0 for t, g in zip(wanted, places, strict=True)])
+        return WantedRates(info, tuple(zip(wanted, places, strict=True)), runs, factors)
+
+    def dwell_s(self, ambient_c: float, isothermal: bool) -> float:
+        """How long a record after the transfer has to be, from the response times of the slowest probe so far."""
+        name: ChannelName = "humidity" if isothermal else "temperature"
+        own = [one.channels()[name] for one in self.found.values() if one is not None and name in one.channels()]
+        if not own:
+            return LONG_S
+        slowest = max(_t63_s(one, name, ambient_c) for one in own)
+        return float(np.clip((ENOUGH_T63 if isothermal else ENOUGH_BEAD_T63) * slowest, SHORTEST_S, LONGEST_S))
 
 
 @dataclass(frozen=True)
@@ -163,28 +184,6 @@ class Prospects:
         return self.menu[: self.anchor]
 
 
-def _wanted_rates(
-    name: ChannelName,
-    result: ChannelResult,
-    wanted: Sequence[Target],
-    ambients_c: Sequence[float],
-    shocks: Sequence[PlannedShock],
-    population: Population | None,
-) -> WantedRates:
-    """What runs would say of the rates that are wanted of a channel; with its type's population, where it is of it."""
-    part = result.parts[0]
-    info = information(part.problem, part.fit, result.noise, shocks, ambients_c)
-    plain = not part.fit.structure.effects and not QUANTITIES[name].pooled
-    used = np.array([s.isothermal or not plain for s in shocks])
-    info = replace(info, added=info.added * used[:, None, None])
-    if population is not None:
-        info = replace(info, known=info.known + _beforehand(info, population, name))
-    places = [0 if t.ambient_c is None else int(np.argmin(np.abs(info.ambients_c - t.ambient_c))) for t in wanted]
-    now, runs = info.variances(info.known), np.array([t.runs for t in wanted])
-    factors = np.array([t.relative**2 / now[g] if t.runs else 1.0 for t, g in zip(wanted, places, strict=True)])
-    return WantedRates(info, tuple(zip(wanted, places, strict=True)), runs, factors)
-
-
 def _beforehand(info: Information, population: Population, name: ChannelName) -> Array:
     """What the population of a type says of the rates, as a normal matrix (P, P)."""
     rates = info.ambients_c.size
@@ -195,16 +194,6 @@ def _beforehand(info: Information, population: Population, name: ChannelName) ->
     known = np.zeros_like(info.known)
     known[:rates, :rates] = np.linalg.inv(covariance)
     return known
-
-
-def _dwell_s(found: Mapping[str, Characterization | None], ambient_c: float, isothermal: bool) -> float:
-    """How long a record after the transfer has to be, from the response times of the slowest probe so far."""
-    name: ChannelName = "humidity" if isothermal else "temperature"
-    own = [one.channels()[name] for one in found.values() if one is not None and name in one.channels()]
-    if not own:
-        return LONG_S
-    slowest = max(_t63_s(one, name, ambient_c) for one in own)
-    return float(np.clip((ENOUGH_T63 if isothermal else ENOUGH_BEAD_T63) * slowest, SHORTEST_S, LONGEST_S))
 
 
 def _t63_s(result: ChannelResult, name: ChannelName, ambient_c: float) -> float:
