@@ -17,7 +17,7 @@ from shockrig.analysis.checks.campaign_checks import Checked, checked
 from shockrig.analysis.checks.finding import InputFinding
 from shockrig.analysis.diagnose.adequacy import judge
 from shockrig.analysis.diagnose.cannot_tell import cannot_tell, left_open, mostly_unsettled
-from shockrig.analysis.diagnose.diagnosed import NO_STEP, ChannelDiagnosis, Diagnosis, Predicting
+from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis, Diagnosis, Predicting
 from shockrig.analysis.diagnose.gain import Gain, HeldOutPart, held_out_parts, measure_gain
 from shockrig.analysis.diagnose.hums import bursts, without_hums
 from shockrig.analysis.diagnose.next_experiments import next_experiments
@@ -42,6 +42,7 @@ Progress = Callable[[str], None]
 
 MOST_IN_PLACE = 3  # models that are tried, one after another, in the place of one that runs held out refute
 OPEN = ("described", "unexplained")  # verdicts beside which another model may predict
+NO_STEP = "no usable run with a step of the air"
 PARTED = "another_sensor"  # kind of the input's finding that runs fall into groups
 
 

@@ -32,11 +32,8 @@ from shockrig.files.diagnosis_data import Discovered
 from shockrig.files.discovered import plain
 from shockrig.files.json_files import made_of
 
-# What a diagnosis leaves standing, as whoever plans takes it: the models that come near the stated one, with values.
-#
-# It is said in diagnosis.json (`explanations` of a channel), so that the same campaign is not diagnosed once more.
-
 FARTHEST_NATS = 12.0  # behind the stated model: what a planner calls tied at its thirtieth look, as it spends its error
+LEAST_WEIGHT = 0.005  # of a model that is told
 
 
 @dataclass(frozen=True)
@@ -55,7 +52,8 @@ class Near:
 
 @dataclass(frozen=True)
 class ChannelOutcome:
-    """What is left of a channel's diagnosis once its fits are forgotten.
+    """What is left of a channel's diagnosis once its fits are forgotten, as whoever plans takes it: it is said in
+    diagnosis.json (`explanations` of a channel), so that the same campaign is not diagnosed once more.
 
     `runs` were fitted; `passed` says that the stated model leaves nothing but noise; `best` is the heaviest model,
     `weight` its weight, and `stated` the same as it is stated; `near` has the heaviest first.
@@ -103,9 +101,6 @@ def read_outcome(verdict: str | None, said: Any, name: ChannelName) -> ChannelOu
         return None
     alike = all(set(values) == {parameter.name for parameter in effect.parameters} for effect, values in effects)
     return found if alike else None
-
-
-NO_STEP = "no usable run with a step of the air"
 
 
 @dataclass(frozen=True)
@@ -174,9 +169,6 @@ class Diagnosis:
     next_experiments: tuple[dict[str, object], ...] = ()
     missing: Mapping[ChannelName, str] = field(default_factory=dict)
     input_findings: tuple[str, ...] = ()
-
-
-LEAST_WEIGHT = 0.005  # of a model that is told
 
 
 def to_json(diagnosis: Diagnosis) -> dict[str, Any]:

@@ -20,7 +20,7 @@ import pytest
 from processes import ended, heard, in_background
 
 from shockrig.analysis.characterize.part_fit import read_extension
-from shockrig.analysis.diagnose.diagnosed import NO_STEP
+from shockrig.analysis.diagnose.diagnose import NO_STEP
 from shockrig.analysis.diagnose.race import MOST_FITS
 from shockrig.files.campaign import read_campaign
 from shockrig.files.numbers import measured
