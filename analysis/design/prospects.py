@@ -132,7 +132,7 @@ class Prospects:
 
     Attributes
     ----------
-    menu : tuple of Shock
+    menu : tuple of PlannedShock
         M runs; the last one is the anchor where there is one.
     anchor : int or None
         Where in the menu the first run once more is; it is chosen by its turn alone.

@@ -70,7 +70,7 @@ def decide(
         The last one on this campaign: which explanations were tied, since which runs.
     count : int
         How many runs to choose.
-    feasible : function of a Shock
+    feasible : function of a PlannedShock
         Whether the bench can do it, and the operator wants it.
     surroundings : Surroundings
         Pressures and lights that the bench can make, besides those that the campaign has had.
@@ -80,7 +80,7 @@ def decide(
     due : function of a place, optional
         Gives the verdict of a diagnosis that the last decision left, where somebody has made it; otherwise it is made
         here, with the same result.
-    made : mapping of a place to Outcome
+    made : mapping of a place to ChannelOutcome
         Of diagnoses that somebody made of these campaigns as they are: where one of all runs is wanted it is taken.
     population : Population, optional
         Of the sensors' type: what is known of them before any run, where they belong to it.

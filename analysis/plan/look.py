@@ -170,7 +170,7 @@ def look_at(
         Whether a verdict on all runs is wanted, come what may.
     later : bool
         Whether a diagnosis is left for later, and only said to be due; not one that is wanted come what may.
-    made : Outcome, optional
+    made : ChannelOutcome, optional
         Of a diagnosis that somebody made of this campaign: it is taken where one of the same runs is wanted.
     """
     channel = build_channel(campaign, name)
