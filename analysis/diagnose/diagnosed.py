@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.design.evidence import Explanation, explained_by
+from shockrig.analysis.design.explanation import Explanation, explained_by
 from shockrig.analysis.diagnose.adequacy import Adequacy
 from shockrig.analysis.diagnose.gain import Gain
 from shockrig.analysis.diagnose.pool import Rated, Search

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from shockrig.analysis.design.choose import Choice
-from shockrig.analysis.design.evidence import label_of
+from shockrig.analysis.design.explanation import label_of
 from shockrig.analysis.design.goals import Goals, Place
 from shockrig.analysis.design.menu import PlannedShock, from_run
 from shockrig.analysis.design.targets import FEWEST_RUNS, Target

@@ -10,7 +10,8 @@ from functools import partial
 import numpy as np
 
 from shockrig.analysis.characterize.part_fit import Extension, extension_of
-from shockrig.analysis.design.evidence import FALSE_ALARMS, Dispute, Explanation, OpenDispute, against, fitted, label_of
+from shockrig.analysis.design.evidence import FALSE_ALARMS, Dispute, OpenDispute, against
+from shockrig.analysis.design.explanation import Explanation, fitted, label_of
 from shockrig.analysis.design.goals import Place
 from shockrig.analysis.diagnose.adequacy import judge
 from shockrig.analysis.diagnose.diagnose import diagnose_channel, enough

@@ -287,7 +287,7 @@ def test_what_nobody_listed_is_held_against_what_is_catalogued(tmp_path):
 
 
 def _fitted(problem, explanation):
-    from shockrig.analysis.design.evidence import structure_of
+    from shockrig.analysis.design.explanation import structure_of
 
     structure = structure_of(explanation, PLAIN, "temperature")
     choice = {f"{e}.{p}": v for e, values in explanation.items() for p, v in values.items()}
