@@ -86,7 +86,8 @@ _OTHER = (
 _TIMES = (
     "time", "timestamp", "datetime", "date_time", "date time", "date-time", "t", "date", "datum", "zeit", "uhrzeit",
     "elapsed", "elapsed time", "seconds", "millis", "milliseconds", "micros", "microseconds", "minutes", "hours",
-    "epoch", "unixtime", "unix", "ms", "fecha", "hora", "heure", "clock", "tms",
+    "epoch", "unixtime", "unix", "ms", "fecha", "hora", "heure", "tempo", "tiempo", "clock",
+    "tms",
 )  # fmt: skip
 OUTSIDE = ("external", "outside", "outdoor", "ambient", "ext", "air")
 # "km/hr", "mm/hr": an hour, and not the "hr" that is a humidity in French and Spanish

@@ -26,10 +26,12 @@ from shockrig.rig.logs.text import NUMBER, unit_in_cells
 _DATES = (
     "%Y/%m/%d", "%d/%m/%Y", "%m/%d/%Y", "%d.%m.%Y", "%d-%m-%Y", "%m-%d-%Y", "%d/%m/%y", "%m/%d/%y", "%d.%m.%y",
     "%Y.%m.%d", "%d-%b-%Y", "%d.%b.%Y", "%d %b %Y", "%b %d %Y", "%d-%b-%y", "%Y%m%d", "%Y-%m-%d", "%Y_%m_%d",
+    "%Y %m %d",
 )  # fmt: skip
 _BETWEEN = (" ", "T", ", ", "-", "_", ",", "")
 _TIMES = (
     "%H:%M:%S.%f", "%H:%M:%S", "%I:%M:%S %p", "%I:%M:%S.%f %p", "%H:%M", "%I:%M %p", "%H.%M.%S", "%H_%M_%S", "%H%M%S",
+    "%H %M %S", "%H %M",
 )  # fmt: skip
 
 # A date whose parts stand in a column each; a month and a minute may both be called mm, and are then told by capitals.
@@ -55,12 +57,16 @@ def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequ
         return by_parts
     unit_of = {name: unit_in_name(name) or unit_in_name(f"x [{units[k]}]") for k, name in enumerate(names)}
     called = [name for name in names if is_called_time(name)]
-    for name in [*called, *names[:3]]:
+    for name in [*called, *names]:
         format_, doubt = guess_format(columns[name])
         if format_ is None:
             continue
         if "%H" in format_ or "%I" in format_ or format_ == ISO and any(":" in cell for cell in columns[name]):
-            return TimeColumns((name,), format_, doubt=doubt)
+            if name in called or name in names[:3] or len(set(columns[name])) > 1:
+                return TimeColumns((name,), format_, doubt=doubt)
+            continue
+        if name not in called and name not in names[:3]:  # it may be when whatever was made
+            continue
         if format_ != OF_DAY:  # a date alone: the time of day stands in another column
             for other in [*called, *names]:
                 if other != name and guess_format(columns[other])[0] == OF_DAY:

@@ -155,7 +155,7 @@ def _why_not(one: LogStep, name: str, is_measured: bool) -> str:
                 f"the map gives it to {whose} alone: name {name} in its sensors too, or delete the map's steps to have "
                 "them found anew"
             )
-        return f"{name} did not move"
+        return f"{name} shows no step there"
     # Stages do no harm where the air was measured: it is then the input as it was.
     return "" if is_measured and one.step.stages > 1 else one.step.why_not
 

@@ -213,7 +213,8 @@ def _count(line: str, separator: str) -> int:
 
 
 def _usual(lines: Sequence[str], separator: str) -> int:
-    counts = Counter(_count(line, separator) for line in lines)
+    """How many cells most rows have; a line of one is none, as the notes that some loggers print between them."""
+    counts = Counter(cells for line in lines if (cells := _count(line, separator)) > 1)
     return counts.most_common(1)[0][0] if counts else 0
 
 

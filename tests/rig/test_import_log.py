@@ -327,6 +327,51 @@ def test_a_temperature_that_falls_is_no_clock_of_which_the_newest_row_is_on_top(
     assert clock_columns.guess_clock([name, "rh"], cells, ["", ""]) is None
 
 
+def test_dates_with_times_of_day_that_go_on_are_the_clock_whatever_their_column_is_called(tmp_path):
+    """As a feed that is downloaded has them, far behind; a date that stands still there is when something was made."""
+    stamped = date("%Y-%m-%d %H:%M:%S.%f -0800")
+    lines = lines_of(
+        "id,feed,place,temperature,bought_at,created_at,updated_at",
+        lambda t, a, b, n: f"{n},7,hall,{a},2020-01-01 12:00:00,{stamped(t)},{stamped(t)}",
+    )
+    look = look_at([written(tmp_path / "log.csv", text(lines))], tmp_path / "log.toml")
+    assert look.map.time == ("created_at",)
+    lines = lines_of("Tempo,Temp In (C)", lambda t, a, b, n: f"{t:.2f},{a}")
+    look = look_at([written(tmp_path / "tempo.csv", text(lines))], tmp_path / "tempo.toml")
+    assert look.map.time == ("Tempo",) and len(look.map.sensors) == 1
+
+
+def test_a_date_in_parts_without_names_is_one(tmp_path, capsys):
+    parts = date("%Y %-m %-d %-H %-M %-S")
+    log = written(tmp_path / "log.txt", text(lines_of("", lambda t, a, b, n: f"{parts(t)} {a}")[::2]))
+    columns = ", ".join(f'"{n + 1}"' for n in range(6))
+    map_ = f'[log]\nheader_line = 0\ntime = [{columns}]\n[sensor.x]\ntemperature = "7"\n'
+    map_ = written(tmp_path / "map.toml", map_)
+    assert run(log, "--map", map_, "--out", tmp_path / "c") == 0, capsys.readouterr().err
+    assert len(read_campaign(tmp_path / "c").runs) == 3
+
+
+def test_more_notes_than_rows_are_notes(tmp_path, capsys):
+    """As a logger prints them to a terminal; the map says what parts the cells of the rows."""
+    rows = lines_of("time_s,temperature_c,humidity_percent", lambda t, a, b, n: f"{t:.2f},{a},{b}")
+    log = written(tmp_path / "log.txt", text([line for row in rows for line in (*["waiting for the sensor"] * 3, row)]))
+    map_ = written(tmp_path / "map.toml", '[log]\nseparator = "comma"\n' + MAP)
+    assert run(log, "--map", map_, "--out", tmp_path / "c") == 0, capsys.readouterr().err
+    assert len(read_campaign(tmp_path / "c").runs) == 3
+
+
+def test_of_a_sensor_that_jumps_and_drifts_back_it_is_not_said_that_it_did_not_move(tmp_path, capsys):
+    time_s = np.arange(0.0, 400.0)
+    stays, back = 20.0 + 10.0 * (time_s >= 200.0), 20.0 + 10.0 * (time_s >= 200.0) * np.exp(-(time_s - 200.0) / 40.0)
+    noise = 0.01 * np.random.default_rng(1).standard_normal((2, 400))
+    rows = [f"{t:.0f},{a:.3f},{b:.3f}" for t, a, b in zip(time_s, stays + noise[0], back + noise[1], strict=True)]
+    log = written(tmp_path / "log.csv", text(["time_s,temp_a,temp_b", *rows]))
+    map_ = written(tmp_path / "map.toml", "[sensor.a]\ntemperature = 'temp_a'\n[sensor.b]\ntemperature = 'temp_b'\n")
+    assert run(log, "--map", map_, "--out", tmp_path / "c") == 0, capsys.readouterr().err
+    said = capsys.readouterr().out
+    assert "b shows no step there" in said and "did not move" not in said
+
+
 def test_times_without_a_date_are_times_of_day_whatever_their_format(tmp_path, capsys):
     """Hour, minute and second in columns of their own, past midnight: no day of 1900, and no clock that starts anew."""
     log = written(tmp_path / "log.csv", text(plain("h,m,s,temp,rh", date("%H,%M,%S.%f", NIGHT))))
