@@ -16,7 +16,13 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.without_model import FEWEST_READINGS, curved_noise, half_way_s, missed_by_line
+from shockrig.analysis.estimate.without_model import (
+    FEWEST_READINGS,
+    MAD_TO_SIGMA,
+    curved_noise,
+    half_way_s,
+    missed_by_line,
+)
 
 Array = NDArray[np.float64]
 
@@ -107,12 +113,15 @@ def noise_before_rounding(variance: float, step: float) -> float:
 PIECE_SAMPLES = 84  # samples in a piece of plateau where it is that long: long against the noise's memory
 SHORTEST_PIECE = 10
 FEWEST_PIECES = 3  # of plateau, in all
+MANY_PIECES = 8  # of one kind, from which on what most of them show tells which are louder than noise
 AVERAGE_NATS = 8.0  # by which an average over readings has to be likelier than none
 MAX_AVERAGED = 24
 AVERAGED_KNOWN_TO = 0.1  # of a reading, which are a whole number
 OWN_SHARE = 0.4  # of a sensor's time to half of a step
 TINY_VARIANCE = 1e-12  # variance of what is nothing
 NO_COVARIANCE = 1e12  # deviance of a covariance that is none
+BURST_BY_CHANCE = 1e-6  # probability that noise passes for a burst in a piece of plateau
+MAD_EFFICIENCY = 0.37  # of the median deviation of normal noise (Rousseeuw and Croux 1993, 10.2307/2291267)
 BEND_ORDER = 4  # order of the polynomial that a piece of a response is taken for
 KINKED_DEVIATIONS = (
     9.0  # median deviations above the median by which a piece of measured air departs from such a polynomial
@@ -304,6 +313,31 @@ class _Pool:
         return float(self.count * (log_determinant + log_inner) - taken)
 
 
+def _calm(early: Array, late: Array, rounding: float) -> tuple[Array, Array]:
+    """Pieces of plateau without those that hold a burst, where there are too few to tell which are louder than most;
+    all of them where most do: it is then the noise."""
+    burst = holds_burst(np.concatenate([early, late]), rounding)
+    if burst.sum() > 0.5 * burst.size:
+        return early, late
+    of_each = burst[: len(early)], burst[len(early) :]
+    early, late = (x if len(x) >= MANY_PIECES else x[~its] for x, its in zip((early, late), of_each, strict=True))
+    return early, late
+
+
+def holds_burst(pieces: Array, rounding: float) -> NDArray[np.bool_]:
+    """Which pieces (m, n) have a reading farther from the line between its neighbours than normal noise throws one: as
+    most readings of the piece, those of all pieces, and those that are rounded to `rounding` show it."""
+    from scipy.special import stdtrit  # which no correction of a flight needs
+
+    missed = np.abs(pieces[:, 1:-1] - 0.5 * (pieces[:, :-2] + pieces[:, 2:]))
+    if not missed.size:
+        return np.zeros(len(pieces), dtype=bool)
+    own, common = MAD_TO_SIGMA * np.median(missed, axis=1), MAD_TO_SIGMA * np.median(missed)
+    farthest = -float(stdtrit(MAD_EFFICIENCY * missed.size, 0.5 * BURST_BY_CHANCE / missed.size))
+    usual = np.maximum(own, max(float(common), rounding))
+    return np.asarray((missed > farthest * usual[:, None]).any(axis=1))
+
+
 def _factored(covariance: Array) -> tuple[Array | None, float]:
     """Lower Cholesky factor and log determinant; None and infinity where there is none."""
     factor, failed = linalg.lapack.dpotrf(covariance, lower=True)
@@ -312,7 +346,7 @@ def _factored(covariance: Array) -> tuple[Array | None, float]:
 
 def _pool(pieces: Array, order: int, reject: bool = True) -> _Pool:
     reduced, polynomials = _unbent(pieces, order)
-    if reject and reduced.shape[0] >= 8:
+    if reject and reduced.shape[0] >= MANY_PIECES:
         # A burst or an unsettled plateau is not the noise.
         power = (reduced**2).mean(axis=1)
         reduced = reduced[power <= 4.0 * np.median(power) + TINY_VARIANCE]
@@ -438,7 +472,7 @@ def _of_plateaus(channel: Channel, rounding: float, coarse: bool) -> _PlateauNoi
     if coarse:
         pools = [_pool(early, 0, reject=False)] if early.size else []
     else:
-        pools = [p for p in (_pool(early, of_early), _pool(late, of_late)) if p.count]
+        pools = [p for p in map(_pool, _calm(early, late, rounding), (of_early, of_late)) if p.count]
     rests = (of_early < BEND_ORDER and len(early) >= FEWEST_PIECES) or of_late < BEND_ORDER
     longest = LONGEST_MEMORY if rests else float(np.exp(-(BEND_ORDER + 1) / early.shape[1]))
     if sum(p.count for p in pools) < FEWEST_PIECES:

@@ -427,7 +427,13 @@ def remainder_sentence(found: ChannelDiagnosis) -> str:
         size += f" (fitted to all runs, {plain(left.peak, 2)} {left.unit} at most)" if left.peak > 0.0 else ""
     if left.rms <= 0.0 and left.peak <= 0.0:
         if wanders := wandering(found):
-            return f"Left {where}: {plain(wanders, 2)} {left.unit} rms, which hangs together as noise of theirs may."
+            # What a test has told from noise does not hang together like it.
+            why = (
+                "more than single readings scatter by"
+                if left.significant
+                else "which hangs together as noise of theirs may"
+            )
+            return f"Left {where}: {plain(wanders, 2)} {left.unit} rms, {why}."
         seen = ", though statistics sees a pattern in it" if left.significant else ""
         return f"Left {where}: nothing above the noise{seen}."
     if not left.significant:

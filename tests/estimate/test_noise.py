@@ -7,7 +7,7 @@ import pytest
 
 from shockrig.analysis.estimate.channel import rebin
 from shockrig.analysis.estimate.gather import build_channel
-from shockrig.analysis.estimate.noise import estimate_noise, plateau_pieces, whiteners
+from shockrig.analysis.estimate.noise import estimate_noise, holds_burst, plateau_pieces, whiteners
 from shockrig.analysis.estimate.problem import make_problem
 from shockrig.files.campaign import Campaign, Run, RunAir, Trace
 
@@ -85,6 +85,31 @@ def test_a_mean_is_as_long_as_it_is_where_two_readings_in_three_are_not_shown():
     assert noise.averaged == 6 and noise.readings_per_sample == 3
     found = noise.autocovariance(4) / noise.autocovariance(1)
     assert found == pytest.approx([1.0, 0.5, 0.0, 0.0], abs=0.1)
+
+
+@pytest.mark.parametrize("shape", ["a pulse", "a fall from the air before"])
+@pytest.mark.parametrize(("correlated", "averaged"), [(0.0, 1), (0.02, 1), (0.0, 4)])
+def test_what_happens_once_in_few_plateaus_is_no_noise(shape, correlated, averaged):
+    """A door that is opened, or a sensor that was brought just before: the other pieces of plateau know the noise, and
+    a single one that is far louder had been most of it."""
+    calm = noisy_channel(4, 0.02, correlated, averaged=averaged, runs=1)
+    (time, value), *_ = calm.samples
+    since = time - time[100]
+    once = (since >= 0) & (since < 0.25) if shape == "a pulse" else np.exp(-np.maximum(since, 0.0) / 0.15) * (since < 1)
+    loud = rebin(calm, ((time, value + 2.0 * once * (time < -10.0)),), calm.bin_of, (), 1)
+    undisturbed, found = estimate_noise(calm), estimate_noise(loud)
+    assert found.standard_deviation == pytest.approx(undisturbed.standard_deviation, rel=0.25)
+    assert found.averaged == undisturbed.averaged
+
+
+@pytest.mark.parametrize(
+    ("correlated", "averaged", "step"), [(0.0, 1, 0.0), (0.03, 1, 0.0), (0.0, 6, 0.0), (0.0, 1, 0.05)]
+)
+def test_noise_alone_holds_no_bursts(correlated, averaged, step):
+    """However it hangs together, or is rounded."""
+    early, late = plateau_pieces(noisy_channel(8, 0.02, correlated, averaged=averaged, runs=30))
+    pieces = np.concatenate([early, late])
+    assert not holds_burst(np.round(pieces / step) * step if step else pieces, step).any()
 
 
 def test_plateaus_are_those_before_the_transfer_and_at_the_end():

@@ -87,6 +87,17 @@ def test_what_one_run_leaves_that_passes_for_noise_is_said_with_its_size():
         assert ("do what the plain model says" in str(page)) == (left < 0.1)
 
 
+def test_what_a_test_tells_from_noise_is_not_said_to_be_like_it():
+    """Of one run, 0.6 K beside a noise of 0.02 K, which "no catalogued effect explains", "hangs together as noise"."""
+    one = channel("temperature", "unexplained", body="lumped")
+    one.gain = SimpleNamespace(measured=False)
+    one.problem.channel.count, one.final = np.ones((1, 400)), SimpleNamespace(residual=np.full((1, 400), 0.6))
+    for significant in (True, False):
+        one.remainder = StatedRemainder(0.0, 0.0, "K", significant, True, 0.03, 30.0, 150.0)
+        assert remainder_sentence(one).startswith("Left in the readings: 0.60 K rms, ")
+        assert ("as noise of theirs may" in remainder_sentence(one)) != significant
+
+
 def test_a_positive_number_that_is_not_told_has_the_ends_of_its_range():
     """A time constant of 94 s with a standard uncertainty of 708 s is not said to be that, nor to be below nothing."""
     (lag,) = CATALOGUE["series_lag"].parameters
