@@ -122,6 +122,28 @@ def unit_in_name(name: str) -> str | None:
     return None
 
 
+# "tempF", "temp_f_probe1", "Temp 1 F": the word for a temperature, a number or none, and a letter by itself
+_LETTERED = re.compile(r"(?:temperature|temperatur|temp)(?:[ _-]?\d+)?[ _-]?([a-z])(?![a-z])", re.I)
+
+
+def unit_by_letter(name: str, names: Sequence[str]) -> tuple[str | None, str]:
+    """The unit, degC or degF, that a letter behind the word for a temperature means, and the name without it; None and
+    the name where there is none, or another of a log's `names` has another letter in its place: TempA to TempF are
+    sensors."""
+    found = _LETTERED.search(name)
+    if found is None or found[1].upper() not in "CF":
+        return None, name
+    before, behind = name[: found.start(1)], name[found.end(1) :]
+    letters = {
+        other[len(before)].upper()
+        for other in names
+        if len(other) == len(name) and other.startswith(before) and other.endswith(behind)
+    }
+    if any(letter.isalpha() for letter in letters - {"C", "F"}):
+        return None, name
+    return ("degF" if found[1].upper() == "F" else "degC"), before.rstrip(" _-") + behind
+
+
 _METRES = ("m", "metre", "metres", "meter", "meters")  # in brackets, where a letter by itself can be no minute
 # What in brackets can only be a unit: a letter or two, or what has a line, a power or a degree sign in it.
 _UNIT_LIKE = re.compile(r"[°º]?[a-zµμ]{1,2}|(?=[^:]{1,9}$)[^:]*([/^°º²³]|-\d).*", re.I)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.files.flight import NAMES
-from shockrig.files.unit_names import UNITS, bare_name, is_called_time, quantity_of, squeeze
+from shockrig.files.unit_names import UNITS, bare_name, is_called_time, quantity_of, squeeze, unit_by_letter
 from shockrig.rig.logs.clock_columns import guess_clock
 from shockrig.rig.logs.known import SensorGuess, adjust
 from shockrig.rig.logs.mapping import COLUMNS
@@ -76,7 +76,8 @@ def guess_log(lines: Scan, impossible: Collection[str] = ()) -> Guess:
             unused.append((name, f"the same as {twin} in another unit"))
             continue
         read.append((name, quantity, unit, own))
-        key = sensor_key(re.sub(r" #\d+$", "", name))
+        _, lettered = unit_by_letter(name, lines.names) if quantity == "temperature" else (None, name)
+        key = sensor_key(re.sub(r" #\d+$", "", lettered))
         if quantity in POSITION or (quantity in ("pressure", "airflow") and not key):
             shared.append((quantity, name, unit, how))
             continue

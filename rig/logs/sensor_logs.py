@@ -19,7 +19,7 @@ from shockrig.rig.logs.clock_columns import guess_clock, guess_format
 from shockrig.rig.logs.log import Column, Log, over_time, read_rows
 from shockrig.rig.logs.mapping import LogMap, SensorMap, columns_of
 from shockrig.rig.logs.stamps import NUMBERS, TimeColumns
-from shockrig.rig.logs.text import Scan, scan, unit_in_cells
+from shockrig.rig.logs.text import Scan, scan, unit_said
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -92,10 +92,8 @@ def read_sensors(path: Path, map_: LogMap, scanned: Scan | None = None) -> Senso
         for key, column in of_sensor.items():
             # A unit that only the header or the cells name is taken from there.
             if name not in map_.sensors or map_.sensors[name].columns[key][1] is None:
-                unit = unit_in_name(column.name)
-                if unit is None and column.name in lines.names:
-                    place = lines.names.index(column.name)
-                    unit = unit_in_cells([row[place] for row in sample])
+                there = column.name in lines.names
+                unit = unit_said(lines, lines.names.index(column.name), sample) if there else None
                 if unit in UNITS[column.quantity]:
                     column = Column(column.name, column.quantity, str(unit))
             of_sensor[key] = column

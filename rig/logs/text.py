@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from shockrig.files.disk import shown
 from shockrig.files.sentinels import NO_VALUE_WORDS
-from shockrig.files.unit_names import is_called_time, is_unit, known_unit, unique_names, unit_in_name
+from shockrig.files.unit_names import is_called_time, is_unit, known_unit, unique_names, unit_by_letter, unit_in_name
 from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.logs.lines import Index, Lines, read_lines
 
@@ -179,7 +179,8 @@ def _is_number(text: str) -> bool:
 def unit_said(lines: Scan, place: int, rows: Sequence[Sequence[str]] = ()) -> str | None:
     """The unit that a log names of a column: under its name, in it, or in the cells of some rows."""
     under, name = known_unit(lines.units[place]), lines.names[place]
-    return under or unit_in_name(name) or unit_in_cells([row[place] for row in rows])
+    by_letter, _ = unit_by_letter(name, lines.names)
+    return under or unit_in_name(name) or unit_in_cells([row[place] for row in rows]) or by_letter
 
 
 def unit_in_cells(cells: Sequence[str]) -> str | None:

@@ -78,6 +78,30 @@ def test_columns_that_differ_in_nothing_but_their_unit_are_two_sensors_where_the
     assert len(look.map.sensors) == 1 and "Set Temp (C)" in look.unused[0]
 
 
+@pytest.mark.parametrize("name", ["tempF", "Temp_F_inside", "temp_f_probe1", "Temp1F", "Temp F 1"])
+def test_a_letter_behind_the_word_for_a_temperature_is_its_unit(tmp_path, name):
+    """The map that is written says so, and one that states no unit is read so."""
+    lines = lines_of(f"time_s,{name}", lambda t, a, b, n: f"{t:.2f},{1.8 * a + 32.0:.2f}")
+    log = written(tmp_path / "log.csv", text(lines))
+    (sensor,) = look_at([log], tmp_path / "log.toml").map.sensors.values()
+    assert dict(sensor.columns) == {"temperature": (name, "degF")}
+    map_ = written(tmp_path / "map.toml", f"[sensor.x]\ntemperature = '{name}'\n")
+    assert run(log, "--map", map_, "--out", tmp_path / "c") == 0
+    assert read_campaign(tmp_path / "c").runs[0].imet.values["temperature_c"][0] == pytest.approx(22.0, abs=0.2)
+
+
+def test_a_letter_is_a_sensors_where_others_have_other_letters(tmp_path):
+    head = ",".join(f"Temp{letter}" for letter in "ABCDEF")
+    lines = lines_of(f"time_s,{head}", lambda t, a, b, n: f"{t:.2f}" + f",{a}" * 6)
+    look = look_at([written(tmp_path / "log.csv", text(lines))], tmp_path / "log.toml")
+    assert [dict(one.columns)["temperature"] for one in look.map.sensors.values()] == [
+        (f"Temp{letter}", "degC") for letter in "ABCDEF"
+    ]
+    lines = lines_of("time_s,tempC,tempF,hum", lambda t, a, b, n: f"{t:.2f},{a:.2f},{1.8 * a + 32.0:.2f},{b}")
+    look = look_at([written(tmp_path / "both.csv", text(lines))], tmp_path / "both.toml")
+    assert len(look.map.sensors) == 1 and "tempF" in look.unused[0]
+
+
 @pytest.mark.parametrize("header", ["time_s,Temp [°C]", "time_s,temp"])
 def test_a_hot_end_is_in_the_unit_that_its_log_names(tmp_path, capsys, header):
     """From 235 to 275 degC and back, as kelvin could be: they are where nobody says otherwise."""
