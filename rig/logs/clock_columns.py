@@ -57,16 +57,12 @@ def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequ
         return by_parts
     unit_of = {name: unit_in_name(name) or unit_in_name(f"x [{units[k]}]") for k, name in enumerate(names)}
     called = [name for name in names if is_called_time(name)]
-    for name in [*called, *names]:
+    for name in [*called, *names[:3]]:
         format_, doubt = guess_format(columns[name])
         if format_ is None:
             continue
-        if "%H" in format_ or "%I" in format_ or format_ == ISO and any(":" in cell for cell in columns[name]):
-            if name in called or name in names[:3] or len(set(columns[name])) > 1:
-                return TimeColumns((name,), format_, doubt=doubt)
-            continue
-        if name not in called and name not in names[:3]:  # it may be when whatever was made
-            continue
+        if _has_hours(format_, columns[name]):
+            return TimeColumns((name,), format_, doubt=doubt)
         if format_ != OF_DAY:  # a date alone: the time of day stands in another column
             for other in [*called, *names]:
                 if other != name and guess_format(columns[other])[0] == OF_DAY:
@@ -75,11 +71,22 @@ def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequ
     for name in [*called, *names[:3]]:  # by its cells too: it may be called "TimeElapsed" or "when"
         if guess_format(columns[name])[0] == OF_DAY:
             return TimeColumns((name,), OF_DAY)
-    for name in [*called, *(name for name in names if not _is_other(name, unit_of[name]))]:
-        clock = _counted(name, columns[name], unit_of[name], named=name in called)
-        if clock is not None:
+    for name in called:
+        if (clock := _counted(name, columns[name], unit_of[name], named=True)) is not None:
+            return clock
+    for name in names[3:]:  # whatever it is called; where it stands still it is when something was made
+        format_, doubt = guess_format(columns[name])
+        if format_ is not None and _has_hours(format_, columns[name]) and len(set(columns[name])) > 1:
+            return TimeColumns((name,), format_, doubt=doubt)
+    for name in (name for name in names if name not in called and not _is_other(name, unit_of[name])):
+        if (clock := _counted(name, columns[name], unit_of[name], named=False)) is not None:
             return clock
     return None
+
+
+def _has_hours(format_: str, cells: Sequence[str]) -> bool:
+    """Whether a column of dates says the time of day as well."""
+    return "%H" in format_ or "%I" in format_ or (format_ == ISO and any(":" in cell for cell in cells))
 
 
 def _in_parts(columns: Mapping[str, Sequence[str]]) -> TimeColumns | None:

@@ -360,6 +360,11 @@ def test_dates_with_times_of_day_that_go_on_are_the_clock_whatever_their_column_
     )
     look = look_at([written(tmp_path / "log.csv", text(lines))], tmp_path / "log.toml")
     assert look.map.time == ("created_at",)
+    lines = lines_of(
+        "time_s,id,feed,temperature,created_at", lambda t, a, b, n: f"{t:.2f},{n},7,{a},{stamped(60.0 * (t // 60.0))}"
+    )
+    look = look_at([written(tmp_path / "both.csv", text(lines))], tmp_path / "both.toml")
+    assert look.map.time == ("time_s",)
     lines = lines_of("Tempo,Temp In (C)", lambda t, a, b, n: f"{t:.2f},{a}")
     look = look_at([written(tmp_path / "tempo.csv", text(lines))], tmp_path / "tempo.toml")
     assert look.map.time == ("Tempo",) and len(look.map.sensors) == 1
