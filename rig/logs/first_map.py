@@ -115,9 +115,9 @@ def _recognised(first: Scan, refused: Sequence[ImpossibleError] = ()) -> Guess:
         has = ", ".join(first.names)
         if guess.clock is None and (counting := counters(first.names)):
             has += f"; a count of rows is no clock: {', '.join(counting)}"
+        when = CLOCK_LINE if guess.clock is None else f"time = {_list(guess.clock.columns)}"
         if not first.header_line:
             row, width = first.numbers[0], len(first.names)
-            when = CLOCK_LINE if guess.clock is None else f"time = {_list(guess.clock.columns)}"
             raise fault(
                 f"{shown(first.path)}: no line of names is found above its first row, line {row}; write a map by hand, "
                 f'[log] header_line = 0, {when} and [sensor.NAME] temperature = "N", where columns are '
@@ -129,7 +129,7 @@ def _recognised(first: Scan, refused: Sequence[ImpossibleError] = ()) -> Guess:
         said += "no column" if not said or guess.clock is None else "no other column"
         raise fault(
             f"{shown(first.path)}: {said} of {what} is recognised (it has: {has}); write a map by hand, [log] "
-            f'{CLOCK_LINE} and [sensor.NAME] temperature = "...", as docs/importing.md shows'
+            f'{when} and [sensor.NAME] temperature = "...", as docs/importing.md shows'
         )
     return guess
 

@@ -351,7 +351,7 @@ def test_a_temperature_that_falls_is_no_clock_of_which_the_newest_row_is_on_top(
     assert clock_columns.guess_clock([name, "rh"], cells, ["", ""]) is None
 
 
-def test_dates_with_times_of_day_that_go_on_are_the_clock_whatever_their_column_is_called(tmp_path):
+def test_dates_with_times_of_day_that_go_on_are_the_clock_whatever_their_column_is_called(tmp_path, capsys):
     """As a feed that is downloaded has them, far behind; a date that stands still there is when something was made."""
     stamped = date("%Y-%m-%d %H:%M:%S.%f -0800")
     lines = lines_of(
@@ -360,6 +360,9 @@ def test_dates_with_times_of_day_that_go_on_are_the_clock_whatever_their_column_
     )
     look = look_at([written(tmp_path / "log.csv", text(lines))], tmp_path / "log.toml")
     assert look.map.time == ("created_at",)
+    lines = lines_of("id,feed,place,value,created_at", lambda t, a, b, n: f"{n},7,hall,{a},{stamped(t)}")
+    assert run(written(tmp_path / "value.csv", text(lines)), "--look", "--out", tmp_path) == 2
+    assert '[log] time = "created_at" and [sensor.NAME]' in capsys.readouterr().err
     lines = lines_of(
         "time_s,id,feed,temperature,created_at", lambda t, a, b, n: f"{t:.2f},{n},7,{a},{stamped(60.0 * (t // 60.0))}"
     )
