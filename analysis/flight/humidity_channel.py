@@ -17,7 +17,6 @@ from shockrig.analysis.flight.air_prior import Passing
 from shockrig.analysis.flight.comparisons import Told, height_of
 from shockrig.analysis.flight.doubts import airspeed_doubt
 from shockrig.analysis.flight.flight_channel import (
-    REMEMBERED_LAGS,
     FlightChannel,
     FlightReadings,
     bridged,
@@ -27,6 +26,7 @@ from shockrig.analysis.flight.flight_channel import (
     lacking,
     own_changes,
     possible_air,
+    remembered,
     slope,
     too_few,
     untouched,
@@ -74,6 +74,7 @@ from shockrig.files.ranges import LIKELY_RANGES, RANGES
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Index = NDArray[np.int64]
 FilmTemperature = Callable[[Mapping[str, float], Array, Array], Array]
 
 # Where the film did not see what the thermometer says: a temperature that moved by itself, in the sun or under ice.
@@ -356,8 +357,8 @@ def _through_vapour(
     found = _as_the_film(found, readings.reading, doubt.vague & screened.usable & ~screened.loud)
     outside = ~film.part.covers(film.air_c) | beyond_discovered(film.part.discovered, stream.airflow_m_s, film.air_c)
     channel = judged(readings, found, plain, screened, outside, raw, from_vapour, notes, AIR_PERCENT.high)
-    memory_s = REMEMBERED_LAGS * response.slowest_s
-    broken = _unseen_breaks(time_s, found, film.air_c, doubt.unsure, bead, memory_s) if alike else np.zeros(raw.shape)
+    known = remembered(readings)
+    broken = _unseen_breaks(time_s, found, film.air_c, doubt.unsure, bead, known) if alike else np.zeros(raw.shape)
     if (height := height_of(flight)) is not None:
         broken = without_layers(broken, height)
     left_open = doubt.left_open * from_vapour
@@ -365,7 +366,7 @@ def _through_vapour(
     channel = _as_read(channel, raw, doubt.unread & (screened.usable | screened.repeated) & ~channel.raw, notes)
     apart = die is not None or found.cutoff_hz is not None
     of_air = _of_the_airs_temperature(channel, time_s, found.air, now, sigma) if apart else channel.uncertainty
-    moving_k = response.slowest_s * np.abs(slope(time_s, own))
+    moving_k = response.slow_s * np.abs(slope(time_s, own))
     parts = [unsure_film_k, unsure_activity * moving_k]
     parts += [bead.carried.uncertainty] if bead.carried is not None else []
     channel = _in_all(channel, of_air, not_known(film.effects), now, np.sqrt(sum(np.square(part) for part in parts)))
@@ -523,21 +524,23 @@ def _of_temperature(readings: FlightReadings, air: Array, error: Array, bead: Fl
 
 
 def _unseen_breaks(
-    time_s: Array, found: Estimate, air: Array, unsure: Mask, bead: FlightChannel, memory_s: float
+    time_s: Array, found: Estimate, air: Array, unsure: Mask, bead: FlightChannel, known: tuple[Index, Index]
 ) -> Array:
     """1 or -1 in the rows (n,) at which the vapour jumps or bends up or down and the temperature of the `air`, which
     the same eddies carry, does no more than it mostly does: the film may have done that by itself. Nobody can tell
     where the temperature is `unsure` (n,).
 
-    What comes on and goes off again, while the film remembers it (`memory_s`), is one cause: as sure as both together,
-    if the other is no chance among so many rows.
+    What comes on and goes off again, while the film remembers it (rows `known` at each, first and last), is one cause:
+    as sure as both together, if the other is no chance among so many rows.
     """
     broken = np.zeros(time_s.shape)
     period = typical_period(time_s)
     around, at_once = (max(int(round(lasting / period)), 1) for lasting in (APART_S, SMOOTHED_S))
     rows, sigmas = np.searchsorted(time_s, found.breaks[:, 0]), found.breaks[:, 1]
-    by_chance = np.sqrt(2.0 * np.log(max(memory_s / period, 1.0)))
-    told = (rows >= around) & (rows < time_s.size - around) & (np.abs(sigmas) > by_chance)
+    told = (rows >= around) & (rows < time_s.size - around)
+    rows, sigmas = rows[told], sigmas[told]
+    first, last = (one[rows] for one in known)
+    told = np.abs(sigmas) > np.sqrt(2.0 * np.log(np.maximum(np.maximum(last - rows, rows - first), 1)))
     rows, sigmas = rows[told], sigmas[told]
     # where the thermometer is not sure, or saw the air jump, the film is no other cause
     told = ~maximum_filter1d(unsure, 2 * around + 1)[rows]
@@ -551,7 +554,8 @@ def _unseen_breaks(
     jumped_s = np.zeros(0) if bead.jumps_s is None else bead.jumps_s
     begin, end = _those_near(jumped_s, at_s, APART_S)
     itself = silent | (begin == end)
-    ends = np.stack(_those_near(at_s, at_s, memory_s), axis=1).ravel()
+    first, last = (one[rows] for one in known)
+    ends = np.stack([np.searchsorted(rows, first), np.searchsorted(rows, last, side="right")], axis=1).ravel()
 
     def opposite(some: Mask) -> Array:
         # the largest of some that go the other way, of those that the film remembers

@@ -155,12 +155,17 @@ class LagResponse:
         return slice(len(self.cap), len(self.cap) + self.inside)
 
     @cached_property
-    def slowest_s(self) -> float:
-        """Time constant of the slowest lag that at least 20 % of the reading passes, at its slowest."""
+    def slow_s(self) -> Array:
+        """Time constant (n,) at each instant of the slowest lag that at least 20 % of the reading passes."""
         passing = self.weight.copy()
         through = np.abs(self.weight[..., self.within].sum(axis=-1, keepdims=True) * np.asarray(self.cap))
         passing[..., : len(self.cap)] = through
-        return float(np.max(np.where(passing > 0.2, 1.0 / self.rate, 0.0)))
+        return np.asarray(np.max(np.where(passing > 0.2, 1.0 / self.rate, 0.0), axis=-1))
+
+    @cached_property
+    def slowest_s(self) -> float:
+        """The largest of these time constants: the sensor at its slowest."""
+        return float(np.max(self.slow_s))
 
     def clean(self, frequency_hz: Array, row: int = 0) -> NDArray[np.complex128]:
         """Transfer function from the air to the reading at one instant, continuous in time."""

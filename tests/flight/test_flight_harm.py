@@ -844,6 +844,13 @@ def test_what_comes_on_and_goes_off_is_one_cause_with_its_nearest_end():
     pairs = [(slice(100, 103), slice(130, 131)), (slice(200, 201), slice(230, 231))]
     assert there_and_back(odd, 10) == [(slice(20, 21), None), *pairs]
     assert there_and_back(np.zeros(5), 10) == []
+    # and no drop stays for so long
+    assert there_and_back(odd, 10, 28) == [
+        (slice(20, 21), None),
+        pairs[0],
+        *((slice(k, k + 1), None) for k in (200, 230)),
+    ]
+    assert there_and_back(odd, 10, 29) == there_and_back(odd, 10)
 
 
 def test_what_comes_and_goes_at_one_height_is_a_layers_edge():
