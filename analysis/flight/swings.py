@@ -86,9 +86,15 @@ def _lines(values: Array, period_s: float) -> list[float]:
     if not bins.size:
         return []
     away = np.arange(LINE_BINS, OUT_OF_BINS + 1)
-    beside = bins[:, None] + np.concatenate([-away, away])
+    beside = bins[:, None, None] + np.stack([-away, away])
+    powers = np.where(beside >= LINE_BINS, power[np.maximum(beside, 0)], np.nan)
+    # where a course bends the spectrum falls steeply: on a line through the middles of both sides, in logarithms
+    middles = np.log(np.nanmedian(np.where(beside >= LINE_BINS, beside, np.nan), axis=2))
+    sides = np.log(np.maximum(np.nanmedian(powers, axis=2), np.finfo(float).tiny))
+    along = (np.log(bins) - middles[:, 0]) / (middles[:, 1] - middles[:, 0])
+    between = np.exp(sides[:, 0] + along * (sides[:, 1] - sides[:, 0]))
     # of an exponential distribution the mean is the median over ln 2
-    usual = np.nanmedian(np.where(beside >= LINE_BINS, power[np.maximum(beside, 0)], np.nan), axis=1) / np.log(2.0)
+    usual = np.maximum(np.nanmedian(powers.reshape(bins.size, -1), axis=1), between) / np.log(2.0)
     out = power[bins] > (np.log(bins.size) + TOLD_LOG_ODDS) * usual
     found = bins[out & (power[bins] >= maximum_filter1d(power, 2 * LINE_BINS - 1)[bins])]
     # between bins a line lies about where their amplitudes have their centre
