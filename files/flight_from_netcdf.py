@@ -203,6 +203,8 @@ def _values(variable: Any, quantity: str, path: Path) -> Array:
     if not known or not unit:
         return values
     plain = _plain_unit(variable)
+    if quantity == "altitude" and plain not in known:
+        plain = plain.partition(" ")[0]  # "meters above Mean Sea Level"
     if plain not in known:
         one_of_each = {scale: name for name, scale in reversed(known.items())}
         said = f"{variable.name} is in {unit!r}, which is not known; give one of"

@@ -90,6 +90,7 @@ _TIMES = (
     "tms",
 )  # fmt: skip
 OUTSIDE = ("external", "outside", "outdoor", "ambient", "ext", "air")
+INSIDE = ("internal", "inside", "indoor", "box", "board", "case", "housing", "enclosure", "cpu", "pcb", "mcu")
 # "km/hr", "mm/hr": an hour, and not the "hr" that is a humidity in French and Spanish
 _PER_HOUR = re.compile(r"(?<![a-z])(km|mi|nmi?|mm?|cm|ft|in|l)\s*/\s*(h|hrs?|hours?)(?![a-z])")
 _BRACKETS = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]")
@@ -182,10 +183,10 @@ def squeeze(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", name.lower().replace("°", "").replace("%", "percent"))
 
 
-def outside_name(squeezed: str) -> str | None:
+def outside_name(squeezed: str, words: Sequence[str] = OUTSIDE) -> str | None:
     """What is left of a column's name as `squeeze` gives it without a word that says that it is of the air outside of
-    the logger ("exttemperature", "tempambient"); None where it has none."""
-    for word in OUTSIDE:
+    the logger ("exttemperature", "tempambient"), or without one of other `words`; None where it has none."""
+    for word in words:
         if squeezed != (rest := squeezed.removeprefix(word)) or squeezed != (rest := squeezed.removesuffix(word)):
             return rest
     return None

@@ -21,7 +21,7 @@ from shockrig.files.disk import open_text, shown
 from shockrig.files.errors import InputError
 from shockrig.files.flight import REMEDY, Flight, LayoutError, read_layout, unread_unit
 from shockrig.files.flight_rows import damage_notes, whole_flight
-from shockrig.files.unit_names import outside_name, squeeze
+from shockrig.files.unit_names import INSIDE, OUTSIDE, outside_name, squeeze
 
 if TYPE_CHECKING:
     from shockrig.rig.logs.mapping import LogMap, SensorMap
@@ -127,7 +127,7 @@ def _by_guess(source: Path, columns: Mapping[str, str] | None) -> tuple[dict[str
             raise InputError(f"{no_clock}; --map MAP.toml takes it") from None
         except BenchError:
             raise refused from None
-        ordered = sorted(seen.sensors.items(), key=lambda one: not _is_outside(one[1]))
+        ordered = sorted(seen.sensors.items(), key=lambda one: _indoors(one[1]))
         seen = replace(seen, sensors=dict(ordered))
         found, remarks = _by_map(source, seen)
         taken, others = dict[str, str](), dict[str, list[str]]()
@@ -160,9 +160,11 @@ def _by_guess(source: Path, columns: Mapping[str, str] | None) -> tuple[dict[str
     return None
 
 
-def _is_outside(sensor: SensorMap) -> bool:
-    """Whether a sensor's names say that it is outside of the logger."""
-    return any(outside_name(squeeze(name)) is not None for key, (name, _) in sensor.columns.items() if key in MAIN)
+def _indoors(sensor: SensorMap) -> int:
+    """-1 of a sensor that is outside of the logger by its names, 1 of one that is inside of it, 0 of any other."""
+    names = [squeeze(name) for key, (name, _) in sensor.columns.items() if key in MAIN]
+    outside, inside = (any(outside_name(name, words) is not None for name in names) for words in (OUTSIDE, INSIDE))
+    return -1 if outside else int(inside)
 
 
 def _by_map(source: Path, map_: LogMap) -> tuple[dict[str, Series], tuple[str, ...]]:

@@ -1,4 +1,5 @@
-"""Rows of a log that stand later than their times say: packets that came late, and not a clock that was set back.
+"""Rows of a log that stand later than their times say: packets that came late, and not a clock that was set back; or
+all of them, in a log that begins with its last row.
 
 A late row fills a hole: no other row is near it in time, and few rows that follow one another in the log do so in time
 as well. After a clock was set back the times of before come once more, or many rows go on from there.
@@ -15,12 +16,13 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 NEAR = 0.5  # of the usual time between rows: a row that is nearer to another fills no hole
 FEW_TOGETHER = 12  # rows that follow one another in the log and in time; more go on from where a clock was set to
-NEARLY_ALL = 0.9  # of the late rows
+NEARLY_ALL = 0.9  # of the late rows, or of all steps
 OFTEN = 10  # that rows go back in time: a clock is seldom set so often
 SORTED = (
     "rows stand out of order by their times, as packets that came late: they are taken by time, and written where they "
     "stood"
 )
+BACKWARDS = "the rows run backwards in time: they are taken by time, and written where they stood"
 UNSURE_ORDER = (
     "time_s: rows go back in time in many places, and nothing tells whether they are out of order or the clock was "
     "set: if they are, sort the log by its times"
@@ -40,6 +42,10 @@ def by_time(time_s: Array) -> tuple[Index | None, list[str]]:
     back = int(np.count_nonzero(np.diff(times) < 0.0))
     if not back:
         return None, []
+    if back > NEARLY_ALL * np.count_nonzero(np.diff(times)):  # as a dropsonde's, from the ground up
+        order, said = by_time(time_s[::-1])
+        turned = np.arange(time_s.size)[::-1]
+        return turned if order is None else turned[order], [BACKWARDS, *said]
     late, ahead = times < np.maximum.accumulate(times), np.diff(times)
     stamps, first, stamp = np.unique(times, return_index=True, return_inverse=True)
     again = np.ones(times.size, dtype=bool)  # a packet that was heard twice, or a time that a clock shows once more

@@ -189,12 +189,18 @@ def test_a_lone_capital_t_is_no_time(tmp_path):
     [
         ("Serial,5,\nFirmware,1.2,\nTime,Temperature,Humidity\n1,20,45\n", "line 3"),
         ("2026:05:01_11:00:00,20.1,45.2\n2026:05:01_11:00:02,20.2,45.3\n", "no line of names"),
-        ("time_s,temperature_c\n" + "".join(f"{100 - s},20\n" for s in range(50)), "oldest row first"),
     ],
 )
 def test_what_is_wrong_with_a_log_is_said_with_its_remedy(tmp_path, capsys, text, said):
     status, error = run(tmp_path, capsys, text)
     assert status == 2 and said in error and len(error.splitlines()) == 1
+
+
+def test_a_log_whose_newest_row_comes_first_is_read(tmp_path, capsys):
+    rows = "".join(f"{100 - s},{20 + 0.1 * np.sin(s / 9):.2f}\n" for s in range(50))
+    status, said = run(tmp_path, capsys, "time_s,temperature_c\n" + rows)
+    assert status == 0 and "the rows run backwards in time" in said
+    assert list(pandas.read_csv(tmp_path / "out.csv").time_s[:2]) == [100.0, 99.0]
 
 
 def test_a_channel_that_is_not_recognised_is_said_to_be(tmp_path, capsys):
@@ -209,6 +215,7 @@ def test_a_channel_that_is_not_recognised_is_said_to_be(tmp_path, capsys):
         ("temp,ext_temp", "ext_temp", ["temp"]),
         ("temperature,Ambient Temperature (C),board_temp", "Ambient Temperature (C)", ["temperature", "board_temp"]),
         ("Temp,SHT_Temp,BME_Temp", "Temp", ["SHT_Temp", "BME_Temp"]),
+        ("TEMPbox,TEMP1,cpu_temp", "TEMP1", ["TEMPbox", "cpu_temp"]),
         ("temp,text", "temp", []),
     ],
 )

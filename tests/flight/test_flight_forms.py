@@ -291,6 +291,17 @@ def test_units_of_netcdf_are_read_or_refused(tmp_path, unit, written, read):
     np.testing.assert_allclose(values, read, atol=1e-9)
 
 
+def test_a_unit_of_netcdf_that_says_above_what_is_one(tmp_path):
+    """As ARM's soundings had it. Before: their altitude was left out."""
+    with netCDF4.Dataset(tmp_path / "in.nc", "w") as data:
+        data.createDimension("time", 3)
+        units = {"time": "s", "alt": "meters above Mean Sea Level", "air_temperature": "degC"}
+        for name, unit in units.items():
+            variable = data.createVariable(name, "f8", ("time",))
+            variable[:], variable.units = [1.0, 2.0, 3.0], unit
+    np.testing.assert_allclose(read_netcdf(tmp_path / "in.nc", {})[0]["altitude"][1], [1.0, 2.0, 3.0])
+
+
 def test_readings_in_another_unit_are_said_to_be(flown):
     log = flown.log.iloc[:300].assign(humidity_percent=lambda log: log["humidity_percent"] / 100)
     assert any("if they are fractions of 1" in note for note in correct(frame_to_flight(log), PROFILE).notes)
