@@ -223,9 +223,9 @@ class FlightChannel:
         return replace(self, uncertainty=np.hypot(self.uncertainty, more), common=np.hypot(self.common, more))
 
     def doubted(self, by: Array | float) -> FlightChannel:
-        """The same with an uncertainty `by` of every corrected value beside what is stated, common to the flight."""
-        more = np.where(self.raw, 0.0, by)
-        return replace(self, uncertainty=np.hypot(self.uncertainty, more), common=np.hypot(self.common, more))
+        """The same with an uncertainty `by` of every value beside what is stated, common to the flight: what is wrong
+        with a sensor is so where its reading is given as well."""
+        return replace(self, uncertainty=np.hypot(self.uncertainty, by), common=np.hypot(self.common, by))
 
     def within(self, possible: Range) -> FlightChannel:
         """The same within what air can be, whatever a method made of its readings, but for readings that are given."""

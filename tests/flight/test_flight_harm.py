@@ -331,6 +331,18 @@ def test_ascent_against_descent_says_how_wrong_the_time_scale_is(slower):
     assert up_and_down(level, channel) is None
 
 
+def test_a_reading_that_is_given_is_as_unsure_as_the_sensor_is():
+    """Of rows given as read among those that are corrected. Before: of a tethered balloon's humidity, which both ways
+    disagreed on by 2.4 %RH, half was stated to 2.1 %RH and the other half, row by row beside it, to 0.1 %RH."""
+    flight, channel = climbing(0.0)
+    raw = np.arange(flight.time_s.size) % 2 == 0
+    up = np.arange(flight.time_s.size) < 1000
+    apart = dataclasses.replace(channel, value=channel.value + np.where(up, 1.5, -1.5), raw=raw)
+    found = compared(flight, dataclasses.replace(channel, name="temperature"), apart, [])[1]
+    assert found.uncertainty[~raw].min() > 1.0
+    assert found.uncertainty[raw].min() > 1.0
+
+
 def test_a_slow_glider_is_compared_on_both_its_ways():
     """Down and up again at 0.15 m/s, a minute's pause at the bottom. Before: not compared, being slow."""
     flight, channel = climbing(0.0)
