@@ -725,9 +725,7 @@ def seen_by_film(
         return bead, film
     moved = np.flatnonzero(np.diff(alone))
     first, last = logged_s[moved[[0, -1]]]
-    # it was right before the first of these moves, or is behind the last, or between: nothing tells which; and what
-    # moved it comes and goes, the going maybe too slowly to show, so that no sum of moves is what it is off by
-    off = np.minimum(np.maximum(np.abs(alone), np.abs(alone - alone[-1])), film.most_alone_k)
+    off, open_to = off_by_moves(alone, film.most_alone_k)
     # what is over the whole of a flight, but seldom, is not to be read as if it lasted
     all_rows = int(moved[-1] - moved[0]) + 1
     seldom = f"in {moved.size} of the {all_rows} rows " if moved.size < SELDOM_SHARE * all_rows else ""
@@ -741,7 +739,7 @@ def seen_by_film(
     behind = np.log(saturation_pressure_hpa(possible_air(air)) / saturation_pressure_hpa(possible_air(air - late)))
     of_film = film.value * np.abs(behind)
     of_bead, of_vapour = _slowed(flight.time_s, air, slice(int(moved[0]), int(moved[-1]) + 1), film)
-    off = np.hypot(off / np.sqrt(3.0), of_bead)
+    off = np.hypot(open_to, of_bead)
     if with_them is None or without is None:
         said += (
             f"sun, ice or a wake was at the thermometer, or the hygrometer's own temperature is late ({late_die()}); "
@@ -760,6 +758,21 @@ def seen_by_film(
         bead, film = _as_shown(flight.time_s, bead, alone).doubted(off), film.doubted(of_vapour)
     notes.append(f"{said}; humidity is corrected without these moves, and uncertainties are widened by them")
     return bead, film
+
+
+def off_by_moves(alone: Array, most_k: float) -> tuple[Array, Array]:
+    """How far (n,) a temperature that moved by itself (n,), by up to `most_k` at once, may be off, and one standard
+    uncertainty of that.
+
+    It was right before the first of these moves, or is behind the last: the likelier, the longer it was nearer to that.
+    What moved it comes and goes, the going maybe too slowly to show: it is no sum of moves that it is
+    off by, and what it is off by either way may be any part of that.
+    """
+    ends = np.abs(alone - alone[[0, -1], None])
+    odds = np.mean([ends[0] <= ends[1], ends[1] < ends[0]], axis=1)
+    ends = np.minimum(ends, most_k)
+    both = ends.min(axis=0)
+    return ends.max(axis=0), np.sqrt(both**2 / 3.0 + odds @ (ends**2 - both**2))
 
 
 def _as_shown(time_s: Array, bead: FlightChannel, alone: Array) -> FlightChannel:

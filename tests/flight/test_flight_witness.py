@@ -7,6 +7,7 @@ import pytest
 from benchmark_scripts import benchmark
 from scipy.signal import lfilter
 
+from shockrig.analysis.flight.comparisons import off_by_moves
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.humidity_channel import unseen
 from shockrig.analysis.flight.response import film_response
@@ -224,6 +225,20 @@ def test_a_swing_that_is_lost_in_the_steps_of_the_humidity_is_nobodys():
     read = np.ones(4400, dtype=bool)
     assert swings(dry, air, read, 1.0).any()
     assert not swings(dry, air, read, 1.0, np.hypot(0.02, 0.1 / np.sqrt(12.0))).any()
+
+
+@pytest.mark.parametrize(("behind", "least", "most"), [(100, (0.0, 2.9), (0.4, 3.0)), (5000, (2.0, 2.0), (2.2, 2.2))])
+def test_a_thermometer_is_likelier_right_where_it_was_for_longer(behind, least, most):
+    """A hand warms it by 3 K when it has landed, after hours in the air. Before: as unsure all the way, by 1.7 K, and a
+    tethered balloon's by 0.7 K for two hours."""
+    alone = np.where(np.arange(10000) < 10000 - behind, 0.0, 3.0)
+    off, unsure = off_by_moves(alone, 3.0)
+    assert (off == 3.0).all()
+    for at, low, high in zip((0, -1), least, most, strict=True):
+        assert low <= unsure[at] <= high
+    came_back = np.where(np.abs(np.arange(10000) - 5000) < behind // 2, 3.0, 0.0)
+    off, unsure = off_by_moves(came_back, 3.0)
+    assert unsure[[0, -1]].tolist() == [0.0, 0.0] and unsure[5000] == pytest.approx(3.0 / np.sqrt(3.0))
 
 
 def test_a_course_that_bends_has_no_swings():
