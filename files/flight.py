@@ -427,13 +427,13 @@ def _filled_places(
     place = _places(path, header, chosen, log)
     said: list[str] = []
     for quantity, first in list(place.items()) if log is None else []:
-        others = [] if quantity == "time" or quantity in chosen else _others(path, header, chosen, quantity, place)
-        if not others or not _is_empty(path, first):
+        if quantity == "time" or not _is_empty(path, first):
             continue
+        others = [] if quantity in chosen else _others(path, header, chosen, quantity, place)
         at = next((other for other in others if not _is_empty(path, other)), first)
-        if at != first:
-            place[quantity] = at
-            said.append(f"{quantity} {header[first]!r} is empty, and {header[at]!r} is taken")
+        place[quantity] = at
+        taken = f", and {header[at]!r} is taken" if at != first else ""
+        said.append(f"{quantity} {header[first]!r} is empty{taken}")
     return place, said
 
 

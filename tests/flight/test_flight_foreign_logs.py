@@ -242,6 +242,8 @@ def test_of_two_altitudes_the_one_that_is_not_empty_is_taken(tmp_path, capsys):
     assert status == 0 and "altitude 'altitude' is empty, and 'gpsalt' is taken" in said
     place = read_layout(tmp_path / "log.csv").place
     assert place["altitude"] == 4 and place["temperature"] == 1
+    status, said = run(tmp_path, capsys, text.replace("alt,gpsalt", "b,c"))
+    assert status == 0 and "altitude 'altitude' is empty" in said and "is taken" not in said
     status, said = run(tmp_path, capsys, text.replace(",,NaN", ",3,NaN"))
     assert status == 0 and "is empty" not in said
     assert read_layout(tmp_path / "log.csv").place["altitude"] == 2
