@@ -15,11 +15,11 @@ from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.grammar import forms
 from shockrig.analysis.diagnose.hums import without_hums
 from shockrig.analysis.diagnose.pool import Search
-from shockrig.analysis.diagnose.prepare import likelier_average, prepare
+from shockrig.analysis.diagnose.prepare import likelier_average, prepare, with_rounding
 from shockrig.analysis.diagnose.race import Race
 from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.diagnose.remainder import Tolerance
-from shockrig.analysis.diagnose.search import search
+from shockrig.analysis.diagnose.search import first_look, search
 from shockrig.analysis.effects import CATALOGUE, behaviours
 from shockrig.analysis.effects.described import as_listed, described, discovered_of, entry_of
 from shockrig.analysis.effects.forms import LAWS, MEAN, Form, laws_of
@@ -202,6 +202,28 @@ def test_a_rounding_that_no_entry_accounts_for_is_described(tmp_path, monkeypatc
     assert one.size.value == pytest.approx(step, rel=1e-6)
     assert behaves(one) == "a rounding of the readings" and "no part in a flight" in flies(one, name)
     assert entry_of(one, name) is None
+
+
+@pytest.mark.parametrize("seed", [8, pytest.param(9, marks=pytest.mark.trial)])
+def test_noise_that_no_plateau_shows_is_told_by_what_crosses_codes(tmp_path, seed):
+    """Set points lie on codes of 1 %RH, where noise throws no reading to the next. Before: it was 1e-11 %RH, so that
+    independent errors were likelier than rounding's own, and calibrations were named."""
+    coarse = [Hidden("quantization", {"step": 1.0}, ("humidity",))]
+    true = draw_truth(np.random.default_rng(seed), ROUGH, coarse).humidity_noise
+    channel = build_channel(record(tmp_path / "c", seed, coarse, ROUGH, small_plan()), "humidity")
+    ready = prepare(channel)
+    assert ready.rounds_coarsely and ready.noise.white < 0.1 * true.white
+    found = with_rounding(ready, first_look(ready.problem, ready.structure))
+    assert found.noise.white == pytest.approx(np.hypot(true.white, true.correlated), rel=0.5)
+    assert found.problem is not ready.problem
+
+
+@pytest.mark.trial
+@pytest.mark.parametrize("seed", [8, 9])
+def test_a_coarse_rounding_is_no_calibration(tmp_path, seed):
+    coarse = [Hidden("quantization", {"step": 1.0}, ("humidity",))]
+    found = diagnose_channel(build_channel(record(tmp_path / "c", seed, coarse, ROUGH, standard_plan()), "humidity"))
+    assert (found.verdict, [cause.effect for cause in found.causes]) == ("explained", ["quantization"])
 
 
 @pytest.mark.trial
