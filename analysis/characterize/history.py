@@ -73,7 +73,8 @@ class HistoryStep:
 class Chart:
     """A figure's history: observations, changes, and for each campaign the level before it with its limits.
 
-    `level`, `low`, `high` (n,) are of the part of the history between two changes that a campaign belongs to.
+    `level`, its `standard_uncertainty`, `low`, `high` (n,) are of the part of the history between two changes that a
+    campaign belongs to.
     """
 
     figure: str
@@ -82,6 +83,7 @@ class Chart:
     observations: tuple[Observation, ...]
     changes: tuple[HistoryStep, ...]
     level: Array
+    standard_uncertainty: Array
     low: Array
     high: Array
 
@@ -115,22 +117,33 @@ def chart(figure: str, serial: str, unit: str, observations: Sequence[Observatio
     """The control chart of a figure; `observations` in the order of time."""
     n = len(observations)
     found = sorted(_changes(_pooled(observations), 0, n), key=lambda change: change.first)
-    level, half = np.zeros(n), np.zeros(n)
+    level, uncertainty, half = np.zeros(n), np.zeros(n), np.zeros(n)
     ends = [0, *(change.first for change in found), n]
     for first, last in zip(ends, ends[1:], strict=False):
-        logs, covariance = _logs(observations[first:last]), _covariance(observations[first:last])
-        mean, variance = _mean(logs, covariance)
-        level[first:last] = mean
-        # Against the mean of all the others and itself: its own part in it is small, and makes the limits narrower.
         part = observations[first:last]
+        covariance = _covariance(part)
+        weight = 1.0 / np.diag(covariance)
+        weight = weight / weight.sum()
+        level[first:last] = weight @ _logs(part)
+        uncertainty[first:last] = math.sqrt(weight @ covariance @ weight)
+        # Against the mean of all the others and itself: its own part in it is small, and makes the limits narrower.
+        # What the bench shares moves the mean as well, and is in no difference from it.
+        apart = np.eye(last - first) - weight
         several = len({one.bench for one in part}) > 1
         own = np.array([math.hypot(one.random, one.common if several else 0.0) for one in part])
-        half[first:last] = CHART_SIGMAS * np.sqrt(
-            np.maximum(own**2 - (variance if last - first > 1 else 0.0), 0.25 * own**2)
-        )
+        differ = np.diag(apart @ covariance @ apart.T) if last - first > 1 else own**2
+        half[first:last] = CHART_SIGMAS * np.sqrt(np.maximum(differ, 0.25 * own**2))
     levels = np.exp(level)
     return Chart(
-        figure, serial, unit, tuple(observations), tuple(found), levels, levels * np.exp(-half), levels * np.exp(half)
+        figure,
+        serial,
+        unit,
+        tuple(observations),
+        tuple(found),
+        levels,
+        levels * uncertainty,
+        levels * np.exp(-half),
+        levels * np.exp(half),
     )
 
 
@@ -190,10 +203,3 @@ def _covariance(observations: Sequence[Observation]) -> Array:
     common = np.array([one.common for one in observations])
     same = np.array([[a.bench == b.bench for b in observations] for a in observations])
     return np.asarray(np.diag(random**2) + np.where(same, np.outer(common, common), 0.0))
-
-
-def _mean(logs: Array, covariance: Array) -> tuple[float, float]:
-    """Weighted mean, and the variance of it that differs from campaign to campaign."""
-    weight = 1.0 / np.diag(covariance)
-    weight = weight / weight.sum()
-    return float(weight @ logs), float((weight**2 * np.diag(covariance)).sum())

@@ -219,7 +219,7 @@ def steady(chart: Chart) -> str:
     n = len(chart.observations)
     if n < 2:
         return f"{chart.figure} of {chart.serial}: one campaign, nothing to compare it with."
-    level = measured(float(chart.level[-1]), float(chart.high[-1] - chart.level[-1]) / CHART_SIGMAS, chart.unit)
+    level = measured(float(chart.level[-1]), float(chart.standard_uncertainty[-1]), chart.unit)
     return f"{chart.figure} of {chart.serial}: {level} in {n} campaigns; nothing has changed beyond its uncertainty."
 
 

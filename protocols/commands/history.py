@@ -193,9 +193,12 @@ def _document(charts: Sequence[Chart], provenance: dict[str, Any]) -> dict[str, 
                         "standard_uncertainty": o.value * o.random,
                         "shared_by_the_bench": o.value * o.common,
                         "level": float(level),
+                        "level_standard_uncertainty": float(unsure),
                         "limits": [float(low), float(high)],
                     }
-                    for o, level, low, high in zip(one.observations, one.level, one.low, one.high, strict=True)
+                    for o, level, unsure, low, high in zip(
+                        one.observations, one.level, one.standard_uncertainty, one.low, one.high, strict=True
+                    )
                 ],
                 "changes": [
                     {

@@ -12,6 +12,7 @@ from small_worlds import small_plan
 from shockrig.analysis.characterize.budget import diffusivity_at, mean_diffusivity
 from shockrig.analysis.characterize.characterize import characterize
 from shockrig.analysis.characterize.history import FALSE_ALARMS, Observation, chart
+from shockrig.analysis.report.certificate_page import steady
 from shockrig.files.campaign import read_campaign
 from shockrig.protocols.cli import main
 from shockrig.protocols.commands.history import called
@@ -69,6 +70,22 @@ def test_what_a_bench_always_had_is_no_change_and_does_not_hide_one():
     large = campaigns(np.repeat([1.0, 1.5], 5), common=0.05, benches=["old"] * 5 + ["new"] * 5)
     (change,) = chart("D", "x", "", large).changes
     assert change.standard_uncertainty == pytest.approx(1.5 * 0.05 * np.sqrt(2), rel=0.02)
+
+
+def test_a_level_is_as_sure_as_the_mean_of_its_campaigns():
+    """Of independent ones by the root of their weights; what the bench shares averages out in none."""
+    unlike = [
+        replace(one, random=size)
+        for one, size in zip(campaigns([1.0, 1.004, 0.999]), (0.001, 0.02, 0.02), strict=True)
+    ]
+    alone = chart("D", "x", "m²/s", unlike)
+    assert alone.standard_uncertainty[-1] / alone.level[-1] == pytest.approx((1e6 + 2 * 2500) ** -0.5, rel=1e-6)
+    shared = chart("D", "x", "m²/s", campaigns([1.0] * 9, common=0.05))
+    assert shared.standard_uncertainty[-1] == pytest.approx(np.hypot(0.05, 0.001), rel=1e-6)
+    assert "D of x: (1.000 ± 0.050) m²/s in 9 campaigns" in steady(shared)
+    # Limits are of how campaigns differ, and of that the bench's error is no part.
+    without = chart("D", "x", "m²/s", campaigns([1.0] * 9))
+    assert np.allclose(shared.low, without.low) and np.allclose(shared.high, without.high)
 
 
 def test_a_single_campaign_has_no_changes():
