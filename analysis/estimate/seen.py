@@ -46,15 +46,23 @@ def little_known(channel: Channel) -> bool:
 
 
 def seen(channel: Channel) -> tuple[RunSeen, ...]:
-    """What each run shows by itself; runs without a step worth the name are left out."""
+    """What each run shows by itself; runs without a step worth the name are left out.
+
+    So are those of which the sensor has to follow less than what is left at 63 %: a humidity that is another because
+    the temperature is makes that way at once, with the air or with the die, and tells nothing of the film.
+    """
     found = []
-    starts = channel.conditions.start_known
-    for run, (time, value), air, triggered in zip(channel.run_ids, channel.samples, channel.air, starts, strict=True):
+    conditions = channel.conditions
+    whole = channel.quantity.air_step(conditions)
+    followed = channel.quantity.step(conditions) * np.sign(whole) >= (1.0 - SHARES_OF_STEP[0]) * np.abs(whole)
+    of_all = zip(channel.run_ids, channel.samples, channel.air, conditions.start_known, followed, strict=True)
+    for run, (time, value), air, triggered, its_own in of_all:
         tail = max(value.size // 20, 3)
         before = value[time < 0] if (time < 0).sum() >= 3 else value[:3]
         begin, end = float(np.median(before)), float(np.median(value[-tail:]))
         noise = white_noise(value)
-        if abs(end - begin) < max(STEP_IN_NOISE * noise, channel.quantity.least_step):
+        small = abs(end - begin) < max(STEP_IN_NOISE * noise, channel.quantity.least_step)
+        if small or (air is None and not its_own):
             continue
         if air is None:
             times_s, at_most = crossings(since_seen(time), (value - begin) / (end - begin), bool(triggered))

@@ -75,8 +75,7 @@ def test_what_a_bench_always_had_is_no_change_and_does_not_hide_one():
 def test_a_level_is_as_sure_as_the_mean_of_its_campaigns():
     """Of independent ones by the root of their weights; what the bench shares averages out in none."""
     unlike = [
-        replace(one, random=size)
-        for one, size in zip(campaigns([1.0, 1.004, 0.999]), (0.001, 0.02, 0.02), strict=True)
+        replace(one, random=size) for one, size in zip(campaigns([1.0, 1.004, 0.999]), (0.001, 0.02, 0.02), strict=True)
     ]
     alone = chart("D", "x", "m²/s", unlike)
     assert alone.standard_uncertainty[-1] / alone.level[-1] == pytest.approx((1e6 + 2 * 2500) ** -0.5, rel=1e-6)

@@ -41,6 +41,16 @@ def test_times_to_shares_of_the_way_are_those_of_the_closed_form(whole):
         assert t90 == pytest.approx(TAU_S * np.log(10.0), rel=0.01)
 
 
+def test_a_humidity_that_the_temperature_changes_is_no_step_of_the_film():
+    """Thermal shocks: readings go from 17 to 55 %RH from one to the next, of which the film takes up 2 to 11."""
+    film = build_channel(read_campaign("data/examples/plain-rough"), "humidity")
+    shown = {one.run: one.times_s for one in seen(film)}
+    taken_up = np.abs(film.quantity.step(film.conditions))
+    assert set(shown) == {run for run, size in zip(film.run_ids, taken_up, strict=True) if size > 12.0}
+    assert min(times[0] for times in shown.values()) > 1.0
+    assert not any(said.startswith("Log every") for said in next_time([film.select(np.flatnonzero(taken_up < 12.0))]))
+
+
 def test_a_burst_of_noise_is_no_crossing(whole):
     """Two seconds beyond the end before the change has gone far, as where somebody touched the sensor."""
     part = lagging(whole, 1)

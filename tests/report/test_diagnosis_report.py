@@ -42,7 +42,9 @@ def recorded(airs_known, body="sphere", name="temperature"):
     """One run of a lag of 1 s, 90 % of its way after 2.3 s."""
     time_s = np.linspace(-2.0, 20.0, 441)
     reading = np.where(time_s > 0, 30.0 - 10.0 * np.exp(-np.maximum(time_s, 0.0)), 20.0)
-    conditions = SimpleNamespace(airs_known=np.array([airs_known]), start_known=np.array([True]))
+    airs = {"source_c": 20.0, "destination_c": 30.0, "source_percent": 20.0, "destination_percent": 30.0}
+    airs = {key: np.array([value]) for key, value in {**airs, "thermal_step_k": 10.0}.items()}
+    conditions = SimpleNamespace(airs_known=np.array([airs_known]), start_known=np.array([True]), **airs)
     runs = {"run_ids": ("0001",), "samples": ((time_s, reading),), "air": (None,)}
     quantity, lumped = QUANTITIES[name], body == "lumped"
     named = {"lumped": lumped, "sensor": quantity.instrument if lumped else quantity.noun}
