@@ -12,6 +12,7 @@ from shockrig.analysis.estimate.quantity import ChannelName, looked_for
 from shockrig.files.campaign import Campaign
 from shockrig.files.campaign_names import sensor_name
 from shockrig.files.errors import InputError
+from shockrig.files.ranges import RANGES
 
 # Where a decision looks: every probe's channels, `temperature` and `humidity`, of the probe "2" `temperature-2`.
 
@@ -103,7 +104,10 @@ def parse_goals(text: str) -> Goals:
             relative = float(found[2]) / 100.0
             if not 0.0 < relative < 0.5:
                 raise InputError(f"--until: {part!r}: expected more than 0 and less than 50 %")
-            precisions.append(Precision(found[1], relative, tuple(float(t) for t in found[3].split()[1:])))
+            ambients = tuple(float(t) for t in found[3].split()[1:])
+            if far := next((t for t in ambients if not RANGES["temperature_c"].holds(t)), None):
+                raise InputError(f"--until: {part!r}: {RANGES['temperature_c'].refusal(far)}; give degC")
+            precisions.append(Precision(found[1], relative, ambients))
         else:
             raise InputError(f"--until: {part!r} is no goal; write e.g. {EXAMPLE!r}")
     if not precisions and not ties:

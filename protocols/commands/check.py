@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from pathlib import Path
 
@@ -46,8 +47,8 @@ def ready(protocol: str, bench: Path | None, out: Path) -> str:
     """The last line where nothing is missing: what to look at once more in the bench file, and what to type next."""
     from shockrig.rig.bench_file import marked_set
 
-    words = ["shockrig run", protocol, *(["--bench", str(bench)] if bench is not None else []), "--out"]
-    command = " ".join([*words, "CAMPAIGN" if out == Path() else str(out)])
+    words = ["shockrig", "run", protocol, *(["--bench", str(bench)] if bench is not None else []), "--out"]
+    command = shlex.join([*words, "CAMPAIGN" if out == Path() else str(out)])
     marked = marked_set(bench) if bench is not None else ()
     doubt = f", if {', '.join(marked)} are right, which {bench} still marks SET" if marked else ""
     return f"ready{doubt}: {command}"

@@ -323,7 +323,10 @@ def fault_of(text: str) -> Any:
     found = re.fullmatch(r"(\w+)@(\d+(?:\.\d+)?)(?:-(\d+(?:\.\d+)?))?", text)
     if found is None:
         raise BenchError(f"--fault {text}: expected KIND@START or KIND@START-END, in s, such as silence@10-20")
-    return Fault(found[1], float(found[2]), math.inf if found[3] is None else float(found[3]))
+    start_s, end_s = float(found[2]), math.inf if found[3] is None else float(found[3])
+    if end_s <= start_s:
+        raise BenchError(f"--fault {text}: ends before it begins; write KIND@START-END, such as silence@10-20")
+    return Fault(found[1], start_s, end_s)
 
 
 def _link(link: Path, target: str) -> None:

@@ -4,6 +4,7 @@ flight that would decide what flights left open, as a mission."""
 from __future__ import annotations
 
 import argparse
+import shlex
 from pathlib import Path
 
 from shockrig.files.numbers import counted
@@ -187,7 +188,8 @@ def _plan_runs(args: argparse.Namespace) -> int:
     write_json(args.out.with_suffix(".json"), document)
     print("\n".join(lines(decision, document)))
     if decision.status == CONTINUE:
-        print(f"{counted(len(decision.choices), 'run')} in {args.out}: shockrig run {args.out} --out {args.campaign}")
+        command = shlex.join(["shockrig", "run", str(args.out), "--out", str(args.campaign)])
+        print(f"{counted(len(decision.choices), 'run')} in {args.out}: {command}")
     return 0
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from pathlib import Path
 from typing import Any
@@ -77,7 +78,8 @@ def main(args: argparse.Namespace) -> int:
         write_whole(args.out, text)
     except OSError as error:
         raise BenchError(f"{args.out}: {error.strerror}; give another --out") from None
-    print(f"wrote {args.out}: go through the lines marked SET, then run shockrig check standard --bench {args.out}")
+    command = shlex.join(["shockrig", "check", "standard", "--bench", str(args.out)])
+    print(f"wrote {args.out}: go through the lines marked SET, then run {command}")
     return 0
 
 

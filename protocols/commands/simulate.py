@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from pathlib import Path
 
@@ -76,5 +77,6 @@ def main(args: argparse.Namespace) -> int:
     print(f"{args.out / 'flight.csv'}: {len(flown.log)} rows of {args.scene} weather, seed {args.seed}")
     print(f"{args.out / 'truth.csv'}: the air at the same instants")
     hint = args.profile or args.out / "profile.json"
-    print(f"next: shockrig correct {args.out / 'flight.csv'} --profile {hint} --out corrected.csv", file=sys.stderr)
+    command = ["shockrig", "correct", args.out / "flight.csv", "--profile", hint, "--out", "corrected.csv"]
+    print(f"next: {shlex.join(map(str, command))}", file=sys.stderr)
     return 0

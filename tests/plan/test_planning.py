@@ -101,6 +101,8 @@ def test_goals_are_read_as_people_write_them():
         ("minutes 90", "names nothing to be reached"),
         ("", "is no goal"),
         ("beta 1 %", "is no goal"),
+        ("D 0.3 % at 20 293", "293 cannot be; expected -100 to 150 .is it in kelvin or fahrenheit"),
+        ("D 0.3 % at -300", "-300 cannot be"),
     ],
 )
 def test_what_is_no_goal(text, said):

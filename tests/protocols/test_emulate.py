@@ -180,6 +180,7 @@ def test_a_grbl_sender_moves_the_emulated_carriage(tmp_path):
         (("hyt-271", "--link", "x"), "--link x: here are 0 serial instruments"),
         (("imet-xf", "--fault", "nack@1"), "no fault 'nack'"),
         (("imet-xf", "--fault", "silence"), "KIND@START"),
+        (("imet-xf", "--fault", "silence@20-10"), "--fault silence@20-10: ends before it begins"),
         (("imet-xf", "--profile", "p.json"), "only with --flight"),
         (("imet-xf", "--flight", "none.csv"), "none.csv: No such file"),
         (("imet-xf", "--speed", "0"), "--speed 0"),

@@ -185,6 +185,7 @@ def test_a_bench_file_names_the_lines_that_are_still_marked_set(tmp_path):
     assert said.startswith("ready, if destination_mm ") and said.endswith(f"shockrig run quick --bench {bench} --out c")
     bench.write_text("destination_mm = 300.0\n", encoding="utf-8")
     assert ready("quick", bench, Path("c")).startswith("ready: ")
+    assert ready("my plan.toml", None, Path("c d")) == "ready: shockrig run 'my plan.toml' --out 'c d'"
     assert ready("quick", Path("manual"), Path()) == "ready: shockrig run quick --bench manual --out CAMPAIGN"
 
 
