@@ -119,8 +119,10 @@ def sources(part: Part, noise: Noise) -> list[Source]:
     }
     for effect, moves in zip(RunEffect, from_runs, strict=False):
         if effect is RunEffect.RATE:
-            degrees = max(channel.runs - channel.rates, 0) + RATE_SCATTER_WEIGHT
-            line = Component("rate, run by run", "A", "normal", found.rate_scatter, "1", degrees=degrees)
+            repeats = max(channel.runs - channel.rates, 0)
+            kind = "A" if repeats else "B"  # without a repeat it is what sensors usually do
+            degrees = repeats + RATE_SCATTER_WEIGHT
+            line = Component("rate, run by run", kind, "normal", found.rate_scatter, "1", degrees=degrees)
             made.append(Source(line, moves))
             continue
         if effect is RunEffect.STRENGTH:

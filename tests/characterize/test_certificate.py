@@ -81,6 +81,14 @@ def test_shares_add_up_and_the_budget_is_the_uncertainty_of_the_profile(result):
             assert t90.standard_uncertainty == pytest.approx(row.response.standard_uncertainties_s[1], rel=1e-6)
 
 
+def test_a_scatter_that_no_repeat_shows_is_not_evaluated_from_readings(campaign):
+    """One run at one ambient: by how much runs differ is what sensors usually do (JCGM 100, 4.3)."""
+    (run,) = [run for run in campaign.runs if run.id == characterize(campaign).humidity.runs[0]]
+    (one, *_) = budgets(characterize(replace(campaign, runs=[run]), channels=["humidity"]).humidity)
+    (line,) = [line for line in one.lines if line.component == "rate, run by run"]
+    assert (line.kind, line.degrees) == ("B", 2.0)
+
+
 def test_lines_say_where_they_come_from(result):
     by_name = {line.component: line for found in result.channels().values() for b in budgets(found) for line in b.lines}
     assert {by_name[name].kind for name in ("noise of the readings", "rate, run by run")} == {"A"}
