@@ -61,7 +61,7 @@ def main(args: argparse.Namespace) -> int:
     if args.out is not None:
         made_at = datetime.now(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
         provenance: dict[str, Any] = {
-            "campaigns": ", ".join(str(campaign.path) for campaign in campaigns),
+            "campaigns": ", ".join(dict.fromkeys(str(campaign.path) for campaign in campaigns)),
             "software": f"shockrig {software_version()}",
             "made_at": made_at,
         }
@@ -79,12 +79,13 @@ def _row(chart: Chart, one: Observation) -> str:
 
 
 def _campaigns(folders: Sequence[Path], say: Callable[[str], None]) -> list[Campaign]:
-    """The campaigns in some folders, in the order in which they began; each once, its copies left out."""
+    """The campaigns in some folders as each of their probes saw them, in the order in which they began; each once, its
+    copies left out."""
     from shockrig.analysis.characterize.history import began_at
-    from shockrig.files.campaign import read_campaign
     from shockrig.files.disk import real_path, shown
     from shockrig.files.errors import InputError
     from shockrig.protocols.catalogue import catalogue
+    from shockrig.protocols.each_probe import seen_by, wanted_probes
 
     seen: set[Path] = set()
     found: dict[str, Campaign] = {}
@@ -98,24 +99,27 @@ def _campaigns(folders: Sequence[Path], say: Callable[[str], None]) -> list[Camp
             if real_path(path) in seen:
                 continue
             seen.add(real_path(path))
-            campaign = read_campaign(path)
-            first = found.setdefault(_readings(campaign), campaign)
-            if first is not campaign:
-                say(f"{path}: the same readings as {first.path}; left out")
+            for campaign in seen_by(path, wanted_probes(path, None)):
+                first = found.setdefault(_readings(campaign), campaign)
+                if first is not campaign:
+                    say(f"{path}: the same readings as {first.path}; left out")
     return sorted(found.values(), key=began_at)
 
 
-def called(campaigns: Sequence[Campaign]) -> dict[Path, str]:
-    """What each is called: its name, where another has the same its folder's, where that does not tell them apart its
-    path."""
+def called(campaigns: Sequence[Campaign]) -> dict[tuple[Path, str], str]:
+    """What each is called, by path and probe: its name, where another has the same its folder's, where that does not
+    tell them apart its path."""
     from shockrig.files.disk import real_path
 
     taken = Counter(campaign.name for campaign in campaigns)
-    folders = Counter(real_path(campaign.path).name for campaign in campaigns)
+    folders = Counter(path.name for path in {real_path(campaign.path) for campaign in campaigns})
     names = {}
     for one in campaigns:
         folder = real_path(one.path).name
-        names[one.path] = one.name if taken[one.name] == 1 else folder if folders[folder] == 1 else str(one.path)
+        place = (folder if folders[folder] == 1 else str(one.path)) + (
+            f", probe {one.probe}" if one.probe != "1" else ""
+        )
+        names[one.path, one.probe] = one.name if taken[one.name] == 1 else place
     return names
 
 
@@ -142,16 +146,16 @@ def _charts(campaigns: Sequence[Campaign], args: argparse.Namespace, say: Any) -
     names = called(campaigns)
     series: dict[tuple[str, str, str], list[Observation]] = {}
     clock = TimeLeft()
-    for number, campaign in enumerate(campaigns):
-        serials = {
-            name: str(sensor["serial"])
-            for name, sensor in campaign.sensors.items()
-            if isinstance(sensor, dict) and sensor.get("serial")
-        }
+    serials_of = [_serials(campaign) for campaign in campaigns]
+    of_path: dict[Path, set[str]] = {}
+    for campaign, serials in zip(campaigns, serials_of, strict=True):
+        of_path.setdefault(campaign.path, set()).update(serials.values())
+    for path, there in of_path.items():
+        if not there or args.serial not in {None, *there}:
+            say(f"{path}: {'another sensor' if there else 'no serial number'}; left out")
+    for number, (campaign, serials) in enumerate(zip(campaigns, serials_of, strict=True)):
         wanted = {name for name, serial in serials.items() if args.serial in (None, serial)}
         if not wanted:
-            why = "no serial number" if not serials else "another sensor"
-            say(f"{names[campaign.path]}: {why}; left out")
             continue
         say(f"{campaign.path}: characterizing{clock.after(number / len(campaigns))}")
         try:
@@ -170,9 +174,17 @@ def _charts(campaigns: Sequence[Campaign], args: argparse.Namespace, say: Any) -
             over = ", ".join(f"{t + 0.0:g}" for t in mean[1])
             found.append((f"D, mean of {over} °C", serials["hyt"], mean[0]))
         for figure, serial, budget in found:
-            one = observed(budget, names[campaign.path], began_at(campaign), bench_of(campaign))
+            one = observed(budget, names[campaign.path, campaign.probe], began_at(campaign), bench_of(campaign))
             series.setdefault((figure, serial, budget.unit), []).append(one)
     return [chart(*key, observations) for key, observations in series.items()]
+
+
+def _serials(campaign: Campaign) -> dict[str, str]:
+    return {
+        name: str(sensor["serial"])
+        for name, sensor in campaign.sensors.items()
+        if isinstance(sensor, dict) and sensor.get("serial")
+    }
 
 
 def _document(charts: Sequence[Chart], provenance: dict[str, Any]) -> dict[str, Any]:

@@ -167,6 +167,22 @@ def test_a_copy_of_a_campaign_is_no_second_one(shelf, tmp_path, capsys):
     assert "in 2 campaigns; nothing has changed" in said.out
 
 
+def test_a_sensor_that_was_recorded_beside_another_has_that_campaign_in_its_history(shelf, tmp_path, capsys):
+    folder, _ = shelf
+    both = shutil.copytree(folder / "c0", tmp_path / "both")
+    for file in sorted(both.glob("runs/*/*.csv")):
+        shutil.copy(file, file.with_stem(f"{file.stem}-2"))
+        file.write_text("".join(file.read_text().splitlines(keepends=True)[:-1]))  # other readings than the copy's
+    head = json.loads((both / "campaign.json").read_text())
+    head["sensors"] |= {f"{name}-2": sensor for name, sensor in head["sensors"].items()}
+    head["sensors"] |= {name: head["sensors"][name] | {"serial": "beside"} for name in ("imet", "hyt")}
+    (both / "campaign.json").write_text(json.dumps(head))
+    assert main(["history", str(both), str(folder / "c1"), "--serial", "virtual"]) == 0
+    said = capsys.readouterr()
+    assert "alpha of virtual: (" in said.out and "in 2 campaigns; nothing has changed" in said.out
+    assert "probe 2" in said.out and "left out" not in said.err
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
