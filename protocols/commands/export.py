@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Read the campaign and write the file."""
-    from shockrig.files.campaign import read_campaign
+    from shockrig.files.campaign import read_campaign, read_probes
     from shockrig.files.disk import shown
     from shockrig.files.errors import InputError
     from shockrig.files.exports import write_bluesky, write_netcdf, write_parquet
@@ -46,5 +46,7 @@ def main(args: argparse.Namespace) -> int:
         reason = getattr(error, "strerror", None) or error
         raise InputError(f"--out {out}: {reason}; name a file in a folder that can be written") from error
     readings = sum(trace.time_s.size for run in campaign.runs for trace in (run.imet, run.hyt, run.air) if trace)
-    print(f"{out}: {counted(len(campaign.runs), 'run')}, {readings} readings")
+    probes = read_probes(args.campaign)
+    of = f" of probe {args.probe} alone: --probe takes one of {', '.join(probes)}" if len(probes) > 1 else ""
+    print(f"{out}: {counted(len(campaign.runs), 'run')}, {readings} readings{of}")
     return 0

@@ -50,6 +50,15 @@ def test_netcdf_holds_every_reading_of_every_run(tmp_path, capsys):
             assert data["start_s"][place] == run.start_s
 
 
+def test_a_file_of_one_probe_of_several_says_so(tmp_path, capsys):
+    campaign = made(tmp_path / "c")
+    head = json.loads((campaign / "campaign.json").read_text())
+    head["sensors"]["imet-2"] = {"kind": "imet-xf"}
+    (campaign / "campaign.json").write_text(json.dumps(head))
+    assert main(["export", str(campaign), "--out", str(tmp_path / "c.jsonl")]) == 0
+    assert "2 runs, 8 readings of probe 1 alone: --probe takes one of 1, 2" in capsys.readouterr().out
+
+
 def test_what_is_not_known_is_missing_in_netcdf(tmp_path):
     assert main(["export", str(made(tmp_path / "c")), "--out", str(tmp_path / "c.nc")]) == 0
     with netCDF4.Dataset(tmp_path / "c.nc") as data:
