@@ -81,7 +81,7 @@ def moves(runs: Sequence[Run]) -> dict[str, tuple[Array, float]]:
     between two records, a move being what is common in this campaign, and what a slow chamber needs for these airs.
     """
     began_of = [(began, run) for run in runs if (began := _began(run)) is not None]
-    timed = sorted(began_of, key=lambda one: (one[0], one[1].id))
+    timed = sorted(began_of, key=lambda one: _order(one[1]))
     found = dict[str, tuple[Array, float, float]]()
     for (began, run), (next_, later) in zip(timed, timed[1:], strict=False):
         before, after = airs_of_run(run), airs_of_run(later)
@@ -105,6 +105,13 @@ def _began(run: Run) -> float | None:
         return None
 
 
+def _order(run: Run) -> tuple[int, float, str]:
+    """Sessions follow one another, whatever the time of day was taken to be in each: a clock that was set back between
+    two would mix their runs."""
+    session = run.extra.get("session")
+    return session if isinstance(session, int) else 0, _began(run) or 0.0, run.id
+
+
 def recorded_s(run: Run) -> float:
     """Length of a run's record [s]."""
     return max((float(t.time_s[-1]) for t in (run.imet, run.hyt) if t is not None and t.time_s.size), default=0.0)
@@ -116,7 +123,7 @@ def spent_minutes(campaign: Campaign) -> dict[str, float]:
     learnt, seen = learn(campaign), moves(campaign.runs)
     taken: dict[str, float] = {}
     before: Airs | None = None
-    for run in sorted(campaign.runs, key=lambda run: (_began(run) or 0.0, run.id)):
+    for run in sorted(campaign.runs, key=_order):
         between_s, after = float(learnt.coefficients[0]), airs_of_run(run)
         if run.id in seen:
             _, between_s = seen[run.id]

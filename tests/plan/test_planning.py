@@ -513,6 +513,21 @@ def test_a_lunch_break_is_not_spent_and_teaches_nothing(finished):
     assert set(spent_minutes(lunch)) == set(spent_minutes(straight))
 
 
+def test_a_clock_that_was_set_back_between_two_sessions_mixes_no_runs(finished):
+    """As of a computer without a clock of its own, or of a virtual bench that is taken up again."""
+    campaign = finished[0].campaign()
+    count = len(campaign.runs)
+    second = np.arange(count) >= count // 2
+    sessions = [
+        replace(run, extra={**run.extra, "session": 1 + int(s)}) for run, s in zip(campaign.runs, second, strict=True)
+    ]
+    hours = 0.1 * np.arange(count)
+    straight = at_hours(replace(campaign, runs=tuple(sessions)), hours)
+    back = at_hours(straight, hours - np.where(second, 0.1 * (count // 2) - 0.05, 0.0))
+    assert spent_minutes(back) == spent_minutes(straight)
+    assert learn(back).moves == learn(straight).moves
+
+
 def test_an_empty_campaign_begins_with_both_quantities_and_a_veto_is_kept(finished):
     goals = Goals((Precision("alpha", 0.01), Precision("D", 0.01)), ambients_c=(20.0,))
     first = decide((), goals, count=4)
