@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 
@@ -43,12 +44,13 @@ def main(args: argparse.Namespace) -> int:
     return 1 if missing else 0
 
 
-def ready(protocol: str, bench: Path | None, out: Path) -> str:
-    """The last line where nothing is missing: what to look at once more in the bench file, and what to type next."""
+def ready(protocol: str, bench: Path | None, out: Path, given: Sequence[str] = ()) -> str:
+    """The last line where nothing is missing: what to look at once more in the bench file, and what to type next, with
+    the further options that were `given`."""
     from shockrig.rig.bench_file import marked_set
 
     words = ["shockrig", "run", protocol, *(["--bench", str(bench)] if bench is not None else []), "--out"]
-    command = shlex.join([*words, "CAMPAIGN" if out == Path() else str(out)])
+    command = shlex.join([*words, "CAMPAIGN" if out == Path() else str(out), *given])
     marked = marked_set(bench) if bench is not None else ()
     doubt = f", if {', '.join(marked)} are right, which {bench} still marks SET" if marked else ""
     return f"ready{doubt}: {command}"

@@ -317,8 +317,18 @@ def _preflight(args: argparse.Namespace, protocol: Any, bench: Any) -> int:
         findings = examine(bench, protocol, args.out or Path(), wall=time.time, may_move=False)
     print(tree(bench.name, findings))
     missing = lacking(findings)
-    print(missing or ready(args.protocol, args.bench, args.out or Path()))
+    print(missing or ready(args.protocol, args.bench, args.out or Path(), _given(args)))
     return 1 if missing else 0
+
+
+def _given(args: argparse.Namespace) -> list[str]:
+    """The options that make it this recording and no other, as they were typed."""
+    words: list[str] = []
+    for name in ("operator", "watch", "type_seed", "seed", "probes", "spread", "rough", "realistic", "hide", "sealed"):
+        value, option = getattr(args, name), f"--{'fleet' if name == 'type_seed' else name}"
+        if value is not None and value is not False:
+            words += [option] if value is True else [option, str(value)]
+    return words
 
 
 def _record(args: argparse.Namespace, protocol: Any, bench: Any, sealed: _Sealed | None) -> int:

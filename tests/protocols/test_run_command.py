@@ -140,6 +140,10 @@ def test_dry_run_prints_the_plan_and_touches_nothing(tmp_path, capsys, monkeypat
     assert "soak at the source until the reference is stable to 0.05 K and 0.3 %RH over 30 s, at most 20 min" in plan
     assert "bench time: 79 min where every soak is stable at once" in plan
     assert plan.endswith("ready: shockrig run standard --out CAMPAIGN\n")  # what shockrig check says
+    assert run("standard", "--dry-run", "--seed", 3, "--rough", "--fleet", 7, "--out", "new one") == 0
+    assert capsys.readouterr().out.endswith(
+        "ready: shockrig run standard --out 'new one' --fleet 7 --seed 3 --rough\n"  # no others than those looked at
+    )
     assert list(tmp_path.iterdir()) == []
 
 
