@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import io
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -153,12 +154,18 @@ def _read_table(file: Path) -> Mapping[str, Any]:
     try:
         with open_text(file, REMEDY, TABLE_AT_MOST) as stream, warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # rows longer than the header would be cut short
-            frame = pd.read_csv(stream, skipinitialspace=True, index_col=False, low_memory=False)
+            text = stream.read()
+            frame = pd.read_csv(io.StringIO(text), skipinitialspace=True, index_col=False, low_memory=False)
     except InputError:
         raise
     except (ValueError, OSError, pd.errors.ParserError, pd.errors.ParserWarning) as error:
         reason = " ".join(str(error).split())
         raise InputError(f"{shown(file)}: cannot be read as CSV ({reason}); the first line names the columns") from None
+    # Some programs leave out empty cells at the end of a line; where a line breaks off, its last number may be cut.
+    last = text.rpartition("\n")[2]
+    if last.strip() and last.count(",") + 1 < len(frame.columns):
+        where = f"{shown(file)}, line {len(text.splitlines())}"
+        raise InputError(f"{where}: the file breaks off there; copy it anew, or take that line out")
     frame.columns = [str(column).strip() for column in frame.columns]
     return {name: frame[name] for name in frame.columns}
 

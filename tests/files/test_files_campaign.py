@@ -130,6 +130,12 @@ def test_a_whole_campaign_is_read_as_it_stands(small):
             lambda f: (f / "runs/0001/hyt.csv").write_text("time_s,temperature_c\n0,20\n"),
             ["hyt.csv", "line 1", "humidity_percent"],
         ),
+        (
+            lambda f: (f / "runs/0001/hyt.csv").write_text(
+                "time_s,humidity_percent,temperature_c,stale\n0,80,20,0\n0.1,80,20\n0.2,8"  # of 80.05
+            ),
+            ["hyt.csv", "line 4", "breaks off", "copy it anew"],
+        ),
         (lambda f: write_air(f, "time_s,note\n0,1\n1,2\n"), ["air.csv", "line 1", "time_s", "airflow_m_s"]),
         (lambda f: write_air(f, "temperature_c\n20\n20\n"), ["air.csv", "line 1", "time_s"]),
         (lambda f: write_air(f, "time_s,temperature_c\n0,20\n1,warm\n"), ["air.csv", "line 3", "'warm'"]),
