@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.fleet.population import (
     LEAST_SENSORS,
+    NODES_APART_K,
     FleetMember,
     JudgedFleet,
     Members,
@@ -305,6 +306,10 @@ def _member(name: str, group: Sequence[CampaignStatistics], keys: tuple[str, ...
 def _knowing(one: FleetMember, coordinates: Sequence[Coordinate]) -> FleetMember:
     """Without numbers that too few sensors have for a population of them."""
     keep = (design(coordinates, one.coordinates) != 0).any(axis=1)
+    at = [c.temperature_c for c in coordinates if c.temperature_c is not None]
+    if len(at) == 1:
+        # One temperature says nothing of how D changes with it.
+        keep &= [c.temperature_c is None or abs(c.temperature_c - at[0]) <= NODES_APART_K for c in one.coordinates]
     return FleetMember(
         one.name,
         one.campaigns,
@@ -397,7 +402,8 @@ def _sensor(members: Members, judged: JudgedFleet, i: int) -> FleetSensor:
             ),
         )
     for statistics in one.campaigns:
-        missing.update({k: v for k, v in statistics.missing.items() if k not in channels})
+        alone = dict.fromkeys(statistics.channels, "no others have its numbers, or not at its temperatures")
+        missing.update({k: v for k, v in (alone | dict(statistics.missing)).items() if k not in channels})
     return FleetSensor(
         one.name,
         tuple(_called(s) for s in one.campaigns),
@@ -470,8 +476,10 @@ def _trends(members: Members, judged: JudgedFleet) -> list[FleetTrend]:
 def _trend(members: Members, judged: JudgedFleet, channel: str, along: Array, per: str, since: str) -> FleetTrend:
     change, covariance = change_along(judged.reduced, judged.estimate, along)
     rates = [k for k, c in enumerate(members.coordinates) if c.channel == channel and c.unit]
+    # By how well each is known: of one that no sensor that belongs has, nothing is.
     weight = np.zeros(change.size)
-    weight[rates] = 1.0 / len(rates)
+    weight[rates] = 1.0 / np.diag(covariance)[rates]
+    weight /= weight.sum()
     by, u = float(weight @ change), math.sqrt(float(weight @ covariance @ weight))
     probability = 2.0 * NormalDist().cdf(-abs(by) / u)
     return FleetTrend(channel, per, since, Uncertain(math.expm1(by), math.exp(by) * u), probability)

@@ -347,8 +347,12 @@ def nodes(members: Sequence[FleetMember]) -> tuple[Coordinate, ...]:
         low, high = (float(np.round(np.median([pick(span) for span in spans]))) for pick in (min, max))
         apart = int(np.median([1 + int(np.sum(np.diff(span) > NODES_APART_K)) for span in spans]))
         if apart == 1 or high - low <= NODES_APART_K:
-            # Sensors with one ambient each: where these differ from sensor to sensor, D is still known to change.
+            # Sensors with one ambient each: where these differ from sensor to sensor, D is still known to change. What
+            # one or two have besides, where others share an ambient, is no coordinate, as with the other numbers.
             every = [t for span in spans for t in span]
+            having = [sum(any(abs(t - other) <= NODES_APART_K for other in span) for span in spans) for t in every]
+            shared = [t for t, count in zip(every, having, strict=True) if count >= min(LEAST_SENSORS, len(spans))]
+            every = shared or every
             at = [float(np.round(np.median(every)))]
             if max(every) - min(every) > NODES_APART_K:
                 at = [float(np.floor(min(every))), float(np.ceil(max(every)))]

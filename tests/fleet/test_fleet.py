@@ -386,6 +386,27 @@ def test_sensors_of_one_ambient_each_still_tell_that_d_changes():
     assert np.sqrt(np.diag(one.covariance))[1:] == pytest.approx([0.02, 0.02], rel=1.0)
 
 
+@pytest.mark.parametrize("off", [0.0, 1.0])
+def test_what_one_sensor_alone_has_is_no_number_of_the_type(off):
+    """Nine sensors at 40 degC and one at five ambients. Where it did not belong, D(0 degC) was (0.07 ± 0.98) m²/s, in
+    the profile as well, and where it was unlucky the command ended in a traceback."""
+    statistics, _ = drawn_fleet(np.random.default_rng(15), 10, off={3: off})
+    short = [
+        s if i == 3 else replace(s, channels={**s.channels, "humidity": at(s.channels["humidity"], [4])})
+        for i, s in enumerate(statistics)
+    ]
+    fleet = fleet_of(short)
+    assert fleet.population.nodes_c == (40.0,)
+    assert np.exp(fleet.population.mean[1]) == pytest.approx(1.5e-11, rel=0.05)
+    assert [c.temperature_c for c in members_of(short).sensors[3].coordinates] == [None, 40.0]
+    assert fleet.outsiders("humidity") == (["X11 / H11"] if off else [])
+    cold = replace(
+        statistics[3], channels=statistics[3].channels | {"humidity": at(statistics[3].channels["humidity"], [0])}
+    )
+    (odd,) = [one for one in fleet_of([*short[:3], cold, *short[4:]]).sensors if one.name == "X11 / H11"]
+    assert "not at its temperatures" in odd.missing["humidity"] and list(odd.channels) == ["temperature"]
+
+
 def test_two_campaigns_of_one_serial_number_are_one_sensor():
     statistics, _ = drawn_fleet(np.random.default_rng(9), 10)
     again = replace(statistics[0], name="later", path="later", fingerprint="later")
