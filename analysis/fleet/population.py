@@ -355,7 +355,7 @@ def nodes(members: Sequence[FleetMember]) -> tuple[Coordinate, ...]:
             every = shared or every
             at = [float(np.round(np.median(every)))]
             if max(every) - min(every) > NODES_APART_K:
-                at = [float(np.floor(min(every))), float(np.ceil(max(every)))]
+                at = [float(np.round(min(every))), float(np.round(max(every)))]
         elif apart == 2 or high - low < MIDDLE_FROM_K:
             at = [low, high]
         else:

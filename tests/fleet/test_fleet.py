@@ -374,6 +374,11 @@ def at(channel, keep):
     )
 
 
+def moved(channel, by_k):
+    coordinates = tuple(replace(c, temperature_c=c.temperature_c + by_k) for c in channel.coordinates)
+    return replace(channel, coordinates=coordinates)
+
+
 def test_sensors_of_one_ambient_each_still_tell_that_d_changes():
     statistics, _ = drawn_fleet(np.random.default_rng(14), 40)
     single = [
@@ -382,6 +387,9 @@ def test_sensors_of_one_ambient_each_still_tell_that_d_changes():
     ]
     one = fleet_of(single).population
     assert one.nodes_c == (0.0, 40.0)
+    # Chambers come to a set point by some hundredths: that is no other ambient.
+    beside = [replace(s, channels={**s.channels, "humidity": moved(s.channels["humidity"], 0.03)}) for s in single]
+    assert fleet_of(beside).population.nodes_c == (0.0, 40.0)
     assert np.exp(one.mean[2] - one.mean[1]) == pytest.approx(1.5 / 0.4, rel=0.1)
     assert np.sqrt(np.diag(one.covariance))[1:] == pytest.approx([0.02, 0.02], rel=1.0)
 
