@@ -136,7 +136,7 @@ def main(argv: list[str] | None = None) -> int:
             f"no command {command!r}; {meant_or(str(command), COMMANDS, 'shockrig --help lists the commands')}"
         )
     args = parser.parse_args(arguments)
-    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors in ("strict", "surrogateescape"):
         sys.stdout.reconfigure(errors="backslashreplace")  # names of any bytes are printed
     from shockrig.files.disk import shown
     from shockrig.files.errors import InputError

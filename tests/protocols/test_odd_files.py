@@ -550,6 +550,16 @@ def test_names_of_any_bytes_are_printed(tmp_path):
     assert (done.returncode, done.stderr) == (0, b"") and b"2 runs recorded" in done.stdout
 
 
+def test_names_are_printed_where_the_terminal_has_ascii_alone(tmp_path):
+    """As in the POSIX locale, whose standard output is not strict and has no letter beyond ASCII either."""
+    head = json.loads((campaign(tmp_path / "c") / "campaign.json").read_text())
+    (tmp_path / "c" / "campaign.json").write_text(json.dumps(head | {"name": "Mühle"}))
+    command = [sys.executable, "-m", "shockrig", "status", "c"]
+    ascii_alone = os.environ | {"LC_ALL": "POSIX", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    done = subprocess.run(command, cwd=tmp_path, env=ascii_alone, capture_output=True, timeout=300)
+    assert (done.returncode, done.stderr) == (0, b"") and rb"M\xfchle: 2 runs recorded" in done.stdout
+
+
 def test_runs_that_say_nothing_of_their_rate_alone_have_pages(tmp_path):
     """A short lag on slow ramps: all runs together tell it, and none by itself to a third."""
     campaign, rng, time_s = tmp_path / "ramps", np.random.default_rng(1), np.arange(0.0, 9000.0, 30.0)
