@@ -141,7 +141,8 @@ def change_address(
             "choose one from 0x08 to 0x77, not 0x30 to 0x37 or 0x50 to 0x5f"
         )
     if not (confirmed or dry_run):
-        raise BenchError(f"changing the address from {address:#04x} to {new_address:#04x} is permanent: confirm it")
+        change = f"changing the address from {address:#04x} to {new_address:#04x}"
+        raise BenchError(f"{change} is permanent: confirm it by --yes-change-it")
     if new_address != address and _answers(bus, new_address):
         raise BenchError(f"somebody answers at {new_address:#04x} already: choose another address, or unplug that one")
     enter_command_mode(bus, clock, address, wait_s)

@@ -415,7 +415,7 @@ def test_the_command_says_how_it_asks_what_it_found_and_what_it_stored(capsys, m
         assert f"answering on {path}: 0x28" in said.err and "knocking at 0x28 for 20 s" in said.err
         assert said.out == "word 0x1c was 0x0028, would be 0x002b\n" and chip.eeprom[0x1C] == 0x28
         assert main([*words, "--to", "0x2b"]) == 2
-        assert "is permanent: confirm it" in capsys.readouterr().err
+        assert "is permanent: confirm it by --yes-change-it" in capsys.readouterr().err
         assert main([*words, "--to", "0x2b", "--yes-change-it"]) == 0
         assert capsys.readouterr().out == "word 0x1c was 0x0028, is 0x002b\nanswers at 0x2b\n"
     finally:
