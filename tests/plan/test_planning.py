@@ -525,7 +525,8 @@ def test_a_clock_that_was_set_back_between_two_sessions_mixes_no_runs(finished):
     straight = at_hours(replace(campaign, runs=tuple(sessions)), hours)
     back = at_hours(straight, hours - np.where(second, 0.1 * (count // 2) - 0.05, 0.0))
     assert spent_minutes(back) == spent_minutes(straight)
-    assert learn(back).moves == learn(straight).moves
+    assert list(moves(back.runs)) == list(moves(straight.runs))
+    assert learn(back).coefficients == pytest.approx(learn(straight).coefficients, rel=1e-12)
 
 
 def test_an_empty_campaign_begins_with_both_quantities_and_a_veto_is_kept(finished):
