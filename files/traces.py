@@ -162,7 +162,7 @@ def _read_table(file: Path) -> Mapping[str, Any]:
         reason = " ".join(str(error).split())
         raise InputError(f"{shown(file)}: cannot be read as CSV ({reason}); the first line names the columns") from None
     # Some programs leave out empty cells at the end of a line; where a line breaks off, its last number may be cut.
-    last = text.rpartition("\n")[2]
+    last = text[text.rfind("\n") + 1 :]
     if last.strip() and last.count(",") + 1 < len(frame.columns):
         where = f"{shown(file)}, line {len(text.splitlines())}"
         raise InputError(f"{where}: the file breaks off there; copy it anew, or take that line out")

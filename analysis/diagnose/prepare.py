@@ -113,9 +113,10 @@ def with_rounding(ready: Prepared, rough: Fit | None) -> Prepared:
         noise = _likeliest_noise(ready.noise, part, signals, rough, runs)
         problem = make_problem(channel, whiteners(channel, noise, signals))
         rough = refit(problem, rough.structure, rough)
-    fine = noise.step <= COARSE_IN_NOISE * noise.white * (1.0 + NOISE_KNOWN_TO)  # such errors are independent as well
+    if noise.step <= COARSE_IN_NOISE * noise.white * (1.0 + NOISE_KNOWN_TO):  # such errors are independent as well
+        return ready
     apart = _likeliest_noise(ready.noise, part, None, before, runs)
-    if fine or _deviance_of(part, noise, signals, rough, runs) > _deviance_of(part, apart, None, before, runs):
+    if _deviance_of(part, noise, signals, rough, runs) > _deviance_of(part, apart, None, before, runs):
         return ready
     # The covariance is that of runs at any place between two codes. One that rests at the edge of a code, where noise
     # throws it from one to the other, scatters more, and by how much only the run itself tells.
@@ -128,11 +129,10 @@ def _crossing_codes(problem: Problem, found: Fit, step: float) -> tuple[Problem,
     """The readings of a few runs that are a step and more from where these begin and end, and the runs' indices; of
     runs that nowhere are, all readings."""
     channel = problem.channel
-    shown = np.where(channel.count > 0, channel.value - found.residual, np.nan)
-    ends = np.array([[row[np.isfinite(row)][0], row[np.isfinite(row)][-1]] for row in shown])
-    crossing = (np.abs(shown[:, None] - ends[..., None]) > step).all(axis=1)
-    if not crossing.any():
-        crossing = channel.count > 0
+    shown, filled = channel.value - found.residual, channel.count > 0
+    ends = np.array([one[there][[0, -1]] for one, there in zip(shown, filled, strict=True)])
+    crossing = filled & (np.abs(shown[:, None] - ends[..., None]) > step).all(axis=1)
+    crossing = crossing if crossing.any() else filled
     among = np.flatnonzero(crossing.any(axis=1))
     runs = among[np.unique(np.linspace(0, among.size - 1, RUNS_OF_NOISE).round().astype(int))]
     binned = tuple(np.where(row[at] & (at >= 0), at, -1) for row, at in zip(crossing, channel.bin_of, strict=True))

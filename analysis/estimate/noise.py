@@ -329,12 +329,12 @@ def holds_burst(pieces: Array, rounding: float) -> NDArray[np.bool_]:
     most readings of the piece, those of all pieces, and those that are rounded to `rounding` show it."""
     from scipy.special import stdtrit  # which no correction of a flight needs
 
-    missed = np.abs(pieces[:, 1:-1] - 0.5 * (pieces[:, :-2] + pieces[:, 2:]))
+    missed = np.abs(missed_by_line(np.arange(pieces.shape[1], dtype=float), pieces))
     if not missed.size:
         return np.zeros(len(pieces), dtype=bool)
     own, common = MAD_TO_SIGMA * np.median(missed, axis=1), MAD_TO_SIGMA * np.median(missed)
     farthest = -float(stdtrit(MAD_EFFICIENCY * missed.size, 0.5 * BURST_BY_CHANCE / missed.size))
-    usual = np.maximum(own, max(float(common), rounding))
+    usual = np.maximum(own, max(float(common), rounding / np.sqrt(1.5)))  # a step, scaled as what is missed is
     return np.asarray((missed > farthest * usual[:, None]).any(axis=1))
 
 

@@ -29,12 +29,12 @@ def white_noise(value: NDArray[np.float64]) -> float:
 
 
 def missed_by_line(time_s: NDArray[np.float64], value: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What each reading (n,) misses the line between its neighbours by (n - 2,), scaled to the readings' noise: on a
-    slow curve, however far apart they stand, nothing else is in it (Gasser, Sroka and Jennen-Steinmetz 1986,
-    10.1093/biomet/73.3.625)."""
+    """What each reading (..., n) at times (n,) misses the line between its neighbours by (..., n - 2), scaled to the
+    readings' noise: on a slow curve, however far apart they stand, nothing else is in it (Gasser, Sroka and
+    Jennen-Steinmetz 1986, 10.1093/biomet/73.3.625)."""
     width = time_s[2:] - time_s[:-2]
     share = np.divide(time_s[1:-1] - time_s[:-2], width, out=np.full(width.size, 0.5), where=width > 0.0)
-    missed = value[1:-1] - (1.0 - share) * value[:-2] - share * value[2:]
+    missed = value[..., 1:-1] - (1.0 - share) * value[..., :-2] - share * value[..., 2:]
     return np.asarray(missed / np.sqrt(1.0 + (1.0 - share) ** 2 + share**2))
 
 

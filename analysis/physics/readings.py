@@ -313,7 +313,7 @@ def _drive(
     chain: Chain, out: Array, response: modes.Modes, at_s: Array, trace_of: Callable[[int, MeasuredAir], Array]
 ) -> None:
     """Put the responses to measured airs in their places in `out` (B, R, n), each to the trace (B, m) of its run."""
-    measured = _measured(chain)
+    measured, period_s = _measured(chain), chain.channel.reading_period_s
     slow = modes.slowest(response, DRIVEN_MODES) if measured else response
     for run, air in measured:
         own = modes.Modes(
@@ -321,10 +321,8 @@ def _drive(
         )
         if air.lag_s > 0:
             own = beside_lagging_reference(own, air.lag_s)
-        period_s = chain.channel.reading_period_s
-        out[:, run] = respond(
-            own, air.time_s, trace_of(run, air), at_s[:, run], samples=chain.averaged, period_s=period_s
-        )
+        trace = trace_of(run, air)
+        out[:, run] = respond(own, air.time_s, trace, at_s[:, run], samples=chain.averaged, period_s=period_s)
 
 
 def _concentration_dependent(chain: Chain, slope: Array, source_hpa: Array) -> tuple[Array, Array, Array | None]:
