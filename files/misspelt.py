@@ -37,8 +37,9 @@ def misspelt(
     """Each slip in the words of a remedy, such as "key airflow: is airflow_m_s meant?".
 
     `known` maps the path of an object in the file ("", "transfer.") to the keys that it may have; an object that is not
-    in it may have any. A key that only another object may have stands at the wrong place. `path` is the object's own,
-    `its` that in `known`: a sensor of another probe ("sensors.imet-2.") has the keys of the first one's.
+    in it may have any. A key that only another object may have stands at the wrong place; one that lacks its unit says
+    nothing beside the one that has it. `path` is the object's own, `its` that in `known`: a sensor of another probe
+    ("sensors.imet-2.") has the keys of the first one's.
     """
     its = path if its is None else its
     names = known.get(its, frozenset())
@@ -48,7 +49,10 @@ def misspelt(
         if names and name not in names:
             near = nearest(key, names - set(content), ALIKE_KEYS)
             meant = [near] if near else [f"{home}{key}" for home in known if key in known[home]]
-            if meant:
+            beside = [one for one in names & set(content) if one.startswith(f"{key}_")]
+            if beside:
+                yield f"key {path}{key} says nothing: {beside[0]} stands beside it and counts; take one out"
+            elif meant:
                 yield f"key {path}{key}: is {' or '.join(meant)} meant?"
         if isinstance(value, Mapping):
             yield from misspelt(value, known, f"{path}{key}.", f"{its}{name}.")

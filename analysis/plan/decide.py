@@ -230,7 +230,7 @@ class _Case:
         if self.goals.minutes is not None:
             ends = spent + np.cumsum([c.minutes for c in chosen])
             chosen = [c for c, end in zip(chosen, ends, strict=True) if end <= self.goals.minutes]
-            return chosen, "" if chosen else f"{self.goals.minutes:g} minutes are spent"
+            return chosen, "" if chosen else f"the {self.goals.minutes:g} min given are spent"
         if len(self.runs) >= MOST_RUNS:
             return [], f"{len(self.runs)} runs are recorded, and no minutes were given for more"
         if not np.isnan(chosen[0].information) and max(c.worth for c in considered) < LEAST_GAIN:

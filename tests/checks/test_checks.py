@@ -90,6 +90,11 @@ def test_a_key_that_is_nearly_another_is_said_with_the_runs_that_have_it(pairs, 
         ({"imet-2": {"serail": "7"}}, {}, "key sensors.imet-2.serail: is serial meant?"),
         ({}, {"bead_radius_m": 4e-4}, "key bead_radius_m: is sensors.imet.bead_radius_m meant?"),
         ({"film_thickness_m": 1e-5}, {}, "key sensors.film_thickness_m: is sensors.hyt.film_thickness_m meant?"),
+        (
+            {"imet": {"bead_radius": 4e-4, "bead_radius_m": 5e-4}},
+            {},
+            "key sensors.imet.bead_radius says nothing: bead_radius_m stands beside it and counts; take one out",
+        ),
     ],
 )
 def test_a_slip_in_what_is_said_of_the_sensors_is_told(sensors, beside, said):

@@ -472,7 +472,7 @@ def test_a_spent_budget_is_inconclusive_and_says_what_is_missing(finished):
     campaign = bench.campaign()
     part = replace(campaign, runs=campaign.runs[:2])
     stopped = decide([part], parse_goals("alpha 0.01 %, minutes 1"), None)
-    assert stopped.status == INCONCLUSIVE and "1 minutes are spent; alpha" in stopped.reason
+    assert stopped.status == INCONCLUSIVE and "the 1 min given are spent; alpha" in stopped.reason
     free = decide([part], parse_goals("alpha 0.01 %, minutes 400"), None)
     assert free.status == "continue" and free.choices
 
