@@ -86,9 +86,9 @@ class Search:
     weights : ndarray (M,)
     fits : int
         How many it took.
-    predictors : tuple of (Rated, float)
-        Models with their weights where those count as well whose effects say nothing where they ended: no name follows
-        from such a model, a prediction may. The heaviest first.
+    predictors : tuple of Rated
+        The same with those whose effects say nothing where they ended: no name follows from such a model, a prediction
+        may. The heaviest first.
     ended_early : bool
         Whether it made as many fits as it may, so that more may be there.
     """
@@ -98,7 +98,7 @@ class Search:
     pool: tuple[Rated, ...]
     weights: Array
     fits: int
-    predictors: tuple[tuple[Rated, float], ...]
+    predictors: tuple[Rated, ...]
     ended_early: bool = False
 
     def probability(self, effect: str) -> float:

@@ -43,7 +43,7 @@ def predicting_model(ready: Prepared, found: Search, stands: Predicting, shown: 
     unless it is stated.
     """
     problem, channel = ready.problem, ready.problem.channel
-    heaviest = [one for one, _ in found.predictors]
+    heaviest = found.predictors
     least_left = sorted(heaviest, key=lambda one: _criterion(channel, one.fit))
     simple = (one for one in heaviest if one.ids - found.plain.ids <= SIMPLE)
     firsts = *heaviest[:MOST_PREDICTING], *least_left[:MOST_PREDICTING], *simple
@@ -78,7 +78,7 @@ def _drifts(one: Rated, beside: Rated) -> bool:
 def outdone(problem: Problem, found: Search) -> bool:
     """Whether another model that was weighed leaves less of the runs than the stated one where each has a rate of its
     own: beside what is a whole explanation, none does."""
-    least = min((_left(problem.channel, one.fit) for one, _ in found.predictors), default=np.inf)
+    least = min((_left(problem.channel, one.fit) for one in found.predictors), default=np.inf)
     return _left(problem.channel, found.best.fit) - least > AS_GOOD
 
 

@@ -314,8 +314,7 @@ class Race:
         pool, weight = heaviest_first(among)
         known = {one.ids for one in among}
         unsound = (one for one in self.unsound.values() if one.ids not in known and not stuck(one, fitted))
-        every = zip(*heaviest_first([*among, *unsound]), strict=True)
-        predictors = tuple((one, float(w)) for one, w in every)
+        predictors, _ = heaviest_first([*among, *unsound])
         return stated(Search(plain, pool[0], pool, weight, self.fits, predictors, self.ended))
 
 

@@ -82,7 +82,7 @@ def test_of_models_that_leave_as_little_the_likeliest_predicts(channels, monkeyp
     """Before: that which left least, by whatever little, and so mostly the one that took most to do it."""
     monkeypatch.setitem(THRESHOLDS, "named", 1.1)
     found = diagnose_channel(channels[0], describing=False)
-    heavy = [one.ids for one, _ in found.search.predictors[:4]]
+    heavy = [one.ids for one in found.search.predictors[:4]]
     assert len(heavy) == 4 and found.predicting.model.ids == heavy[0]
 
 
@@ -99,5 +99,5 @@ def test_what_one_would_fit_is_tried_whatever_else_the_search_begins(channels, m
     """A lump that is said to be a sphere, and one with another lag before it."""
     monkeypatch.setattr(Race, "grown", lambda self, current, *_: current)
     problem = prepare(channels[0]).problem
-    tried = {one.ids for one, _ in search(problem, describing=False).predictors}
+    tried = {one.ids for one in search(problem, describing=False).predictors}
     assert {"body_lumped"} in tried and {"body_lumped", "series_lag"} in tried
