@@ -20,6 +20,8 @@ def left_open(found: Search, final: Fit) -> tuple[str, ...]:
     """Sentences on what the search and its model leave open."""
     further = found.ended_early and found.best.ids != found.plain.ids
     said = {
+        "Another model is likelier than the plain one, but these runs leave open which: no effect is sure enough to "
+        "be stated.": found.leaves_open,
         f"The runs differ in how fast they are by some {final.rate_scatter:.0%}, and nothing that was named says why: "
         "see that all are of one sensor, in one airflow.": final.rate_scatter > level("rate_scatter"),
         f"The search ended at its limit of work, after {found.fits} fits: what it had reached by then is judged, and "

@@ -97,6 +97,7 @@ def diagnose_channel(
         shown=len(shown),
         left_over=remainder.significant and remainder.material,
         parted=bool(parted),
+        left_open=found.leaves_open,
         unsettled=bool(unsettled),
         borne_out=gain.measured,
         claims=any(not CATALOGUE[c.effect].candidacy.shape for c in causes),

@@ -101,6 +101,11 @@ class Search:
     predictors: tuple[Rated, ...]
     ended_early: bool = False
 
+    @property
+    def leaves_open(self) -> bool:
+        """Whether the plain model is stated since nothing is sure enough, though another is likelier than it."""
+        return self.best is self.plain and self.predictors[0] is not self.plain
+
     def probability(self, effect: str) -> float:
         """Of an effect's being there: the weight of all models that hold its law, however that may depend on things."""
         held = (w for one, w in zip(self.pool, self.weights, strict=True) if one.holds(effect))

@@ -22,6 +22,8 @@ class Standing:
         Whether that model leaves more than chance does on unseen runs, and as much as the tolerance.
     parted : bool
         Whether a check of the input says that the runs fall into groups which the model does not part.
+    left_open : bool
+        Whether another model is likelier than the plain one, though no effect is sure enough to be stated.
     unsettled : bool
         Whether most runs could not be used since their readings did not stand still before the transfer.
     borne_out : bool
@@ -35,6 +37,7 @@ class Standing:
     shown: int = 0
     left_over: bool = False
     parted: bool = False
+    left_open: bool = False
     unsettled: bool = False
     borne_out: bool = True
     claims: bool = True
@@ -45,8 +48,8 @@ def verdict(s: Standing) -> VerdictWord:
 
     Something that is left and matters is unexplained. A form or something shown makes a description; effects of the
     catalogue alone, an explanation. A model with nothing added is adequate, where no candidate predicts unseen runs
-    better (or it would not have the largest weight), no check of the input speaks against it, and it has been tried on
-    most of the runs that were made.
+    better (or it would not have the largest weight, or its effects are not sure enough), no check of the input
+    speaks against it, and it has been tried on most of the runs that were made.
     """
     if s.left_over or (s.parted and not s.forms):
         return "unexplained"
@@ -56,4 +59,4 @@ def verdict(s: Standing) -> VerdictWord:
         return "described"
     if s.named:
         return "explained"
-    return "unexplained" if s.unsettled else "adequate"
+    return "unexplained" if s.unsettled or s.left_open else "adequate"

@@ -358,11 +358,14 @@ def channel_verdict(found: ChannelDiagnosis, whole: bool = True) -> str:
         return " ".join([*said, gain_sentence(found)])
     if not whole:
         said = [f"{listed([named(c.effect) for c in causes]).capitalize()}."] if causes else []
+    left = found.remainder.significant and found.remainder.material
+    if found.search.leaves_open and not (causes or found.discovered or left):
+        return f"{model} is not all that moves the {sensor}'s readings, and what else does these runs leave open."
     # A shape claims no cause: it says how the sensor behaves as far as these runs tell.
     sure = all(c.probability >= CERTAIN for c in causes)
     shapes = all(CATALOGUE[c.effect].candidacy.shape for c in causes)
     opening = "Certain all the same:" if sure and not shapes else "As far as these runs tell:"
-    if not (gain.measured or (found.remainder.significant and found.remainder.material)):
+    if not (gain.measured or left):
         return " ".join([f"{sensor.capitalize()}: there is no other run to try an explanation on.", opening, *said])
     told = [sentence(one, unit) for one in found.discovered]
     much = "Most" if found.gain.measured and found.gain.explained_fraction > 0.5 else "Some"

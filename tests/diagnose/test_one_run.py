@@ -73,6 +73,22 @@ def test_readings_calibrated_after_half_degrees_are_those_of_the_plain_lag(tmp_p
     assert found.remainder.rms <= found.remainder.peak + 0.01
 
 
+def test_a_lag_is_not_adequate_where_a_likelier_shape_cannot_be_stated(tmp_path):
+    """Two lags, of which a record in codes shows the first minute and a half: where it would end, and so its shape, is
+    open. One lag had been adequate, with a time for it, beside shapes that leave half as much."""
+    written(tmp_path, 96.0)
+    time = np.arange(0.0, 96.0, 2.0)
+    shown = 1.0 - (95.0 * np.exp(-time / 95.0) - 9.0 * np.exp(-time / 9.0)) / 86.0
+    reading = np.rint(16.0 * (15.0 + 8.4 * shown + 0.01 * np.random.default_rng(0).standard_normal(time.size))) / 16.0
+    pd.DataFrame({"time_s": time, "temperature_c": reading}).to_csv(tmp_path / "runs/0001/imet.csv", index=False)
+    (found,) = diagnose(read_campaign(tmp_path)).channels
+    assert found.verdict == "unexplained" and not found.causes
+    assert any("no effect is sure enough" in said for said in found.cannot_tell)
+    assert found.predicting.model.ids <= {"series_lag", "body_plate", "body_cylinder", "body_sphere"}
+    stated, predicting = found.predicting.errors
+    assert predicting < 0.7 * stated
+
+
 def test_a_plain_model_is_as_unsure_as_it_is_off_its_only_run(tmp_path):
     """Its time to 63 % is no better known than the run itself shows it, and what is printed says both."""
     result = characterize(read_campaign(written(tmp_path, 1500.0)))

@@ -38,6 +38,9 @@ from shockrig.files.campaign import read_campaign
         (Standing(unsettled=True), "unexplained"),
         (Standing(named=1, unsettled=True), "explained"),
         (Standing(shown=1, unsettled=True), "described"),
+        # Another model is likelier than the plain one, and nothing sure enough to be stated.
+        (Standing(left_open=True), "unexplained"),
+        (Standing(shown=1, left_open=True), "described"),
         # One run: a shape that no other run has borne out explains nothing; nothing to explain is adequate.
         (Standing(named=1, borne_out=False, claims=False), "unexplained"),
         (Standing(named=1, borne_out=False), "explained"),

@@ -61,6 +61,8 @@ def channel(name, verdict, causes=(), discrepancy=None, airs_known=True, body="s
         gain=gain(0.9, 0.021, 0.020),
         noise=SimpleNamespace(standard_deviation=0.020),
         discrepancy=discrepancy,
+        remainder=SimpleNamespace(significant=False, material=False),
+        search=SimpleNamespace(leaves_open=False),
     )
 
 
@@ -71,6 +73,14 @@ def test_the_sentence_a_colleague_would_say():
     assert channel_verdict(channel("temperature", "explained", (FILM,))) == (
         "The bead does not follow the air at once: the air film around it (Biot 0.120 ± 0.010 at 5 m/s) makes it "
         "slower at low airflow. With it the model predicts unseen runs to 0.021 K instead of 0.90 K (noise 0.020 K)."
+    )
+
+
+def test_what_is_likelier_and_left_open_is_said_where_nothing_is_left():
+    one = channel("temperature", "unexplained", body="lumped")
+    one.search = SimpleNamespace(leaves_open=True)
+    assert channel_verdict(one) == (
+        "One lag is not all that moves the thermometer's readings, and what else does these runs leave open."
     )
 
 
