@@ -230,8 +230,8 @@ def held_for(time_s: Array, columns: list[Array]) -> int:
     if distances.size < HELD_CHANGES:
         return 1
     usual = int(np.bincount(distances).argmax())
-    # One row more or less: the two clocks are not in step.
-    near = (np.abs(distances - usual) <= 1).mean()
+    # One row more or less: the two clocks are not in step. Twice as far, and so on: a reading was as the one before.
+    near = (np.abs(distances - usual * np.maximum(np.rint(distances / usual), 1)) <= 1).mean()
     return usual if usual > 1 and (distances == usual).mean() >= HELD_SHARE and near >= 0.8 else 1
 
 

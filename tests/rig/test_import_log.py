@@ -656,6 +656,15 @@ def test_held_readings_are_thinned(tmp_path, capsys):
         in_full(one.imet.time_s, one.imet.values["temperature_c"], LOG.time_s, LOG.temperature_c)
 
 
+def test_held_readings_are_thinned_where_many_are_as_the_one_before(tmp_path, capsys):
+    """A fast logger of a converter of a quarter kelvin: between changes lies one reading, or two, or three."""
+    rows = zip(LOG.time_s, np.round(4.0 * LOG.temperature_c + 0.4 * np.sin(5.0 * LOG.time_s)) / 4.0, strict=True)
+    body = [f"{t + k / 10:.3f},{a}" for t, a in rows for k in range(5)]
+    log = written(tmp_path / "log.csv", text(["time_s,temperature_c", *body]))
+    assert run(log, "--look", "--out", tmp_path) == 0
+    assert "each reading stands in about 5 rows" in capsys.readouterr().out
+
+
 def intermet(tmp_path):
     """InterMet's application: two ports, one without a sensor, zeros until the first reading, stamps that repeat."""
     names = (
