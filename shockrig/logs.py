@@ -88,8 +88,9 @@ def import_log(
     """
     with as_python(), tempfile.TemporaryDirectory() as temporary, _named(Path(temporary)):
         paths = _files(log, Path(temporary))
-        said, unused = _map(paths, columns, map, airflow_m_s, pressure_hpa, Path(temporary))
-        imported = import_logs(paths, said, sensor)
+        said, seen = _map(paths, columns, map, sensor, airflow_m_s, pressure_hpa, Path(temporary))
+        whose = said.layout.only if map is None else None
+        imported = import_logs(paths, said, sensor if whose is None else None)
         made = [one for one in imported.campaigns if one.runs]
         if len(made) > 1:
             listed = ", ".join(repr(one.sensor) for one in made)
@@ -101,7 +102,7 @@ def import_log(
         _write(folder, imported, made[0], called)
         found = read_campaign(folder)
         path = found.path if out is not None else Path(called)
-        notes = [in_python(said) for said in (*unused, *_remarks(imported, made[0]))]
+        notes = [in_python(said) for said in (*seen, *_remarks(imported, made[0]))]
         return chained(found, path=path, notes=tuple(notes))
 
 
@@ -132,12 +133,13 @@ def _map(
     paths: Sequence[Path],
     columns: Mapping[str, str] | None,
     map_path: PathLike | None,
+    sensor: str | None,
     airflow_m_s: float | None,
     pressure_hpa: float | None,
     folder: Path,
 ) -> tuple[LogMap, tuple[str, ...]]:
     """The map that is given, or one of the columns that are named, or the first map of what is recognised; in that
-    case also which columns are not used, and why."""
+    case also what a first look notes of it."""
     facts = {"airflow_m_s": airflow_m_s, "pressure_hpa": pressure_hpa}
     stated = [f"{key} = {value!r}\n" for key, value in facts.items() if value is not None]
     if map_path is not None:
@@ -145,9 +147,13 @@ def _map(
             raise InputError("map: says the columns and the airs itself; leave columns, airflow_m_s, pressure_hpa out")
         return read_map(Path(map_path)), ()
     if columns is None:
-        seen = look_at(paths, folder / f"{paths[0].stem}.toml")
+        seen = look_at(paths, folder / f"{paths[0].stem}.toml", sensor=sensor)
+        if seen.whose and seen.whose[0] != sensor:
+            raise InputError(
+                f"{paths[0].name}: has the sensors {', '.join(map(repr, seen.whose))}; name one by sensor="
+            )
         # the first map ends with [runs], in which the facts belong, and says of steps only what was seen
-        return parse_map(seen.text + "".join(stated), seen.map.path), seen.unused
+        return parse_map(seen.text + "".join(stated), seen.map.path), seen.notes
     unknown = sorted(set(columns) - set(QUANTITIES))
     if unknown or not {"temperature", "humidity"} & set(columns):
         what = f"there is no quantity {unknown[0]!r}" if unknown else "names neither temperature nor humidity"

@@ -33,7 +33,7 @@ def look(args: argparse.Namespace) -> int:
     say = Phases(LOOKING_AT_LOG, only_long=True)
     folder = args.out or Path(".")
     map_path = args.map or folder / f"{args.logs[0].stem}.toml"
-    text, not_used = None, tuple[str, ...]()
+    text, notes = None, tuple[str, ...]()
     if args.map is not None:
         map_ = read_map(args.map)
         logs = [read_sensors(path, map_) for path in args.logs]
@@ -46,7 +46,7 @@ def look(args: argparse.Namespace) -> int:
                 "give another --out"
             )
         seen = look_at(args.logs, map_path, say)
-        map_, text, logs, steps, not_used = seen.map, seen.text, list(seen.logs), list(seen.steps), seen.unused
+        map_, text, logs, steps, notes = seen.map, seen.text, list(seen.logs), list(seen.steps), seen.notes
     say("picture")
     left_out = [unused(one, those, map_) for one, those in zip(logs, steps, strict=True)]
     with whole_folder(folder) as partial:
@@ -57,7 +57,7 @@ def look(args: argparse.Namespace) -> int:
             (partial / map_path.name).write_text(text, encoding="utf-8")
     for one, those, why_not in zip(logs, steps, left_out, strict=True):
         _say_log(one, those, why_not)
-    for said in not_used:
+    for said in notes:
         print(f"  {said}")
     for one in logs:
         print(f"picture: {folder / f'{one.log.path.stem}.png'}")

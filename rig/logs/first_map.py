@@ -13,6 +13,7 @@ from shockrig.files.disk import shown
 from shockrig.files.numbers import short
 from shockrig.files.unit_names import quantity_of
 from shockrig.rig.bench_errors import BenchError
+from shockrig.rig.logs.apart import SeveralError
 from shockrig.rig.logs.clock_columns import counters, guess_clock
 from shockrig.rig.logs.found import LogStep, steps_of
 from shockrig.rig.logs.guess import NOTHING, ZEROS, Guess, guess_log, likely_reference
@@ -40,17 +41,27 @@ class NoClockError(BenchError):
 
 @dataclass(frozen=True)
 class LogLook:
-    """What was seen of logs: the map's text, the same read, for each log its readings and steps, what is not used."""
+    """What was seen of logs: the map's text, the same read, for each log its readings and steps, and as `notes` what of
+    the time was taken for granted and what is not used. Where rows are of several sensors, `whose` they are, the one
+    that was looked at first."""
 
     text: str
     map: LogMap
     logs: tuple[SensorLog, ...]
     steps: tuple[tuple[LogStep, ...], ...]
-    unused: tuple[str, ...]
+    notes: tuple[str, ...]
+    whose: tuple[str, ...] = ()
 
 
-def look_at(paths: Sequence[Path], map_path: Path, progress: Callable[[str], None] = lambda said: None) -> LogLook:
+def look_at(
+    paths: Sequence[Path],
+    map_path: Path,
+    progress: Callable[[str], None] = lambda said: None,
+    sensor: str | None = None,
+) -> LogLook:
     """Recognise logs of one layout and find their steps; `map_path` is where the map will stand.
+
+    Of rows that are of several sensors those of `sensor`, or of the first one, are looked at, and `notes` say so.
 
     Raises
     ------
@@ -58,32 +69,43 @@ def look_at(paths: Sequence[Path], map_path: Path, progress: Callable[[str], Non
         A log cannot be read, has no sensor or no time, or another layout than the first.
     """
     refused: list[ImpossibleError] = []
+    several: SeveralError | None = None
     while True:
         try:
-            return _look(paths, map_path, progress, refused)
+            return _look(paths, map_path, progress, refused, several)
         except ImpossibleError as fault:
             refused.append(fault)  # a name promises nothing: the log is looked at without that column
+        except SeveralError as fault:
+            if several is not None:
+                raise
+            mine = [value for value in fault.values if value == sensor]
+            several = SeveralError(str(fault), fault.column, tuple(dict.fromkeys([*mine, *fault.values])))
 
 
 def _look(
-    paths: Sequence[Path], map_path: Path, progress: Callable[[str], None], refused: Sequence[ImpossibleError]
+    paths: Sequence[Path],
+    map_path: Path,
+    progress: Callable[[str], None],
+    refused: Sequence[ImpossibleError],
+    several: SeveralError | None,
 ) -> LogLook:
     """As `look_at`, without the columns that were refused; a further one that cannot be what it is called is refused
     in its turn."""
-    scans = [scan(path, Layout()) for path in paths]
+    layout = Layout(only=None if several is None else (several.column, several.values[0]))
+    scans = [scan(path, layout) for path in paths]
     for other in scans[1:]:
         if other.names != scans[0].names:
             raise BenchError(
                 f"{shown(other.path)}: has other columns than {shown(scans[0].path)}; look at each by itself"
             )
-    guess = _recognised(scans[0], refused)
+    guess = _recognised(scans[0], refused, several)
     assert guess.clock is not None
     for other in scans[1:] if guess.clock.doubt else []:  # whether day or month comes first, another log may tell
         clock = guess_clock(other.names, other.sample(), other.units)
         if clock is not None and not clock.doubt and clock.columns == guess.clock.columns:
             guess = replace(guess, clock=clock)
             break
-    head = _head(scans, guess, map_path)
+    head = _head(scans, guess, map_path, several)
     text = head + _sensors(guess, {}, None)
     map_ = parse_map(text, map_path)
     logs = []
@@ -94,19 +116,28 @@ def _look(
     left_out = [unused(one, those, map_) for one, those in zip(logs, steps, strict=True)]
     times = t63_of([one for those, out in zip(steps, left_out, strict=True) for one in those if one.number not in out])
     text = head + _sensors(guess, times, likely_reference(guess.sensors)) + _steps_text(logs, steps, left_out)
-    return LogLook(text, parse_map(text, map_path), tuple(logs), tuple(steps), _not_used(guess))
+    notes = _not_used(guess)
+    if guess.clock is not None and guess.clock.doubt:
+        notes = (f"time: {guess.clock.doubt}", *notes)
+    whose = () if several is None else several.values
+    if several is not None:
+        others = _shorter(", ".join(whose[1:]))
+        notes = (f"the rows of {several.column} {whose[0]} alone; others, for [log] only in the map: {others}", *notes)
+    return LogLook(text, parse_map(text, map_path), tuple(logs), tuple(steps), notes, whose)
 
 
 def columns_of(path: Path) -> LogMap:
     """The map of one log's columns as they are recognised; no step is looked for. Raises as `look_at` does."""
     seen = scan(path, Layout())
     guess = _recognised(seen)
-    return parse_map(_head([seen], guess, path) + _sensors(guess, {}, None), path)
+    return parse_map(_head([seen], guess, path, None) + _sensors(guess, {}, None), path)
 
 
-def _recognised(first: Scan, refused: Sequence[ImpossibleError] = ()) -> Guess:
+def _recognised(first: Scan, refused: Sequence[ImpossibleError] = (), several: SeveralError | None = None) -> Guess:
     """What a log's columns are, where it has a time and, beside the columns that were refused, a sensor."""
     guess = guess_log(first, [fault.column for fault in refused])
+    if several is not None:
+        guess = replace(guess, unused=tuple(one for one in guess.unused if one[0] != several.column))
     if refused and not guess.sensors:
         raise BenchError(f"{refused[0]}, or name another column (it has: {', '.join(first.names)})")
     if guess.clock is None or not guess.sensors:
@@ -161,7 +192,7 @@ def _list(columns: Sequence[str]) -> str:
     return names if len(columns) == 1 else f"[{names}]"
 
 
-def _head(scans: Sequence[Scan], guess: Guess, map_path: Path) -> str:
+def _head(scans: Sequence[Scan], guess: Guess, map_path: Path, several: SeveralError | None) -> str:
     assert guess.clock is not None
     clock, first = guess.clock, scans[0]
     names = " ".join(one.path.name for one in scans)
@@ -182,6 +213,10 @@ def _head(scans: Sequence[Scan], guess: Guess, map_path: Path) -> str:
         lines.append(
             _line(f"time_format = {_text(clock.format)}", clock.doubt or ("ISO 8601" if clock.format == ISO else ""))
         )
+    if several is not None:
+        mine, *others = several.values
+        only = f"only = {{ {_text(several.column)} = {_text(mine)} }}"
+        lines.append(_line(only, f"whose rows; others: {_shorter(', '.join(others))}"))
     lines += [f"# {_shorter(said)}\n" for said in first.metadata[:12]]
     return "".join(lines)
 

@@ -24,6 +24,7 @@ from shockrig.files.sentinels import CODES, momentary, unread
 from shockrig.files.spelling import did_you_mean
 from shockrig.files.unit_names import UNITS
 from shockrig.rig.bench_errors import BenchError
+from shockrig.rig.logs.apart import demand_one_sensor
 from shockrig.rig.logs.clock_columns import guess_clock
 from shockrig.rig.logs.lines import Index, Lines
 from shockrig.rig.logs.order import in_order
@@ -126,7 +127,8 @@ def read_rows(
     Raises
     ------
     BenchError
-        A column is not there or holds no values that can be, or there is no time: names file, column, remedy.
+        A column is not there or holds no values that can be, there is no time, or the rows are of several sensors:
+        names file, column, remedy.
     """
     lines = scanned or scan(path, layout)
     clock = clock or guess_clock(lines.names, lines.sample(), lines.units)
@@ -161,6 +163,7 @@ def read_rows(
     for column in columns:
         values[column.name], said = _checked(read.pop(column.name), column, lines, column.name in named)
         remarks += said
+    demand_one_sensor(lines, clock, time_s, values)
     return LogRows(path, clock, origin_s, time_s, values, lines.numbers, tuple(remarks), named)
 
 

@@ -69,7 +69,7 @@ def parse_map(text: str, path: Path) -> LogMap:
     log = top.mapping("log")
     log.know(
         *("separator", "decimal", "header_line", "comment", "missing", "time", "time_format", "time_unit"),
-        *("every_s", "repeated_stamps"),
+        *("every_s", "repeated_stamps", "only"),
     )
     every_s = log.number("every_s", Range(1e-6, 1e6))
     if every_s is not None and "time" in log.content:
@@ -82,6 +82,7 @@ def parse_map(text: str, path: Path) -> LogMap:
         header_line=header_line,
         comment=log.name("comment"),
         missing=log.several("missing"),
+        only=_only(log),
     )
     time_unit = log.name("time_unit")
     if time_unit is not None and known_unit(time_unit) not in UNITS["time"]:
@@ -190,6 +191,16 @@ def _step(number: int, table: FileTable, sensors: Mapping[str, SensorMap]) -> St
         start=table.content.get("start"),
         facts=_facts(table),
     )
+
+
+def _only(log: FileTable) -> tuple[str, str] | None:
+    said = log.mapping("only").content
+    if not said:
+        return None
+    (column, value), *more = said.items()
+    if more or not isinstance(value, str | int) or isinstance(value, bool):
+        raise log.wrong("only", 'one column and what stands in it, such as { sensor_id = "A" }')
+    return column, str(value)
 
 
 def _facts(table: FileTable) -> dict[str, Any]:

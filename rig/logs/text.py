@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from shockrig.files.disk import shown
 from shockrig.files.sentinels import NO_VALUE_WORDS
+from shockrig.files.spelling import did_you_mean
 from shockrig.files.unit_names import is_called_time, is_unit, known_unit, unique_names, unit_by_letter, unit_in_name
 from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.logs.lines import Index, Lines, read_lines
@@ -41,13 +42,15 @@ DATE = re.compile(
 
 @dataclass(frozen=True)
 class Layout:
-    """How a log is laid out; None is found out. `header_line` counts from 1; 0 says that there is no header."""
+    """How a log is laid out; None is found out. `header_line` counts from 1; 0 says that there is no header. `only` is
+    a column and what must stand in it: other rows are another sensor's."""
 
     separator: str | None = None
     decimal: str | None = None
     header_line: int | None = None
     comment: str | None = None
     missing: tuple[str, ...] = ()
+    only: tuple[str, str] | None = None
 
 
 @dataclass(frozen=True)
@@ -138,11 +141,38 @@ def _scan(path: Path, layout: Layout) -> Scan:
         good[i] = False
         count, where = odd.get(reason, (0, plain.number(i)))
         odd[reason] = (count + 1, where)
+    if layout.only is not None:
+        good &= _of_one(plain, good, separator, names, layout.only, odd, path)
     rows = plain.where(good)
     above = int(np.searchsorted(kept.places, plain.places[first]))
     metadata = tuple(kept[i].strip() for i in range(above) if kept.number(i) != header_line)
     decimal = layout.decimal or _decimal(_some(rows), separator)
     return Scan(path, separator, decimal, header_line, names, units, metadata, rows, odd)
+
+
+def _of_one(
+    plain: Lines,
+    good: NDArray[np.bool_],
+    separator: str,
+    names: Sequence[str],
+    only: tuple[str, str],
+    odd: dict[str, tuple[int, int]],
+    path: Path,
+) -> NDArray[np.bool_]:
+    """Which lines are of the one sensor that a map wants; the others are counted in `odd`."""
+    column, wanted = only
+    if column not in names:
+        raise BenchError(f"{shown(path)}: no column {column!r}{did_you_mean(column, names)} to tell sensors apart by")
+    place = names.index(column)
+    mine = good.copy()
+    for i in map(int, np.flatnonzero(good)):
+        mine[i] = _split(plain[i], separator)[place].strip() == wanted
+    others = np.flatnonzero(good & ~mine)
+    if not mine.any():
+        raise BenchError(f"{shown(path)}: no row has {wanted!r} in the column {column!r}; fix [log] only in the map")
+    if others.size:
+        odd[f"of another {column} than {wanted}"] = others.size, plain.number(int(others[0]))
+    return mine
 
 
 def _fuller_rows(

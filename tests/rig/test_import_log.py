@@ -26,6 +26,7 @@ from made_up_logs import (
     written,
 )
 
+import shockrig
 from shockrig.analysis.checks.campaign_checks import check_campaign
 from shockrig.files.campaign import read_campaign
 from shockrig.files.unit_names import quantity_of, unit_in_name
@@ -75,7 +76,7 @@ def test_columns_that_differ_in_nothing_but_their_unit_are_two_sensors_where_the
     ]
     lines = lines_of("time_s,Set Temp (C),Temp (C)", lambda t, a, b, n: f"{t:.2f},{35 if t > 80.0 else 22},{a:.2f}")
     look = look_at([written(tmp_path / "set.csv", text(lines))], tmp_path / "set.toml")
-    assert len(look.map.sensors) == 1 and "Set Temp (C)" in look.unused[0]
+    assert len(look.map.sensors) == 1 and "Set Temp (C)" in look.notes[-1]
 
 
 @pytest.mark.parametrize("name", ["tempF", "Temp_F_inside", "temp_f_probe1", "Temp1F", "Temp F 1"])
@@ -99,7 +100,7 @@ def test_a_letter_is_a_sensors_where_others_have_other_letters(tmp_path):
     ]
     lines = lines_of("time_s,tempC,tempF,hum", lambda t, a, b, n: f"{t:.2f},{a:.2f},{1.8 * a + 32.0:.2f},{b}")
     look = look_at([written(tmp_path / "both.csv", text(lines))], tmp_path / "both.toml")
-    assert len(look.map.sensors) == 1 and "tempF" in look.unused[0]
+    assert len(look.map.sensors) == 1 and "tempF" in look.notes[-1]
 
 
 @pytest.mark.parametrize("header", ["time_s,Temp [°C]", "time_s,temp"])
@@ -663,6 +664,74 @@ def test_held_readings_are_thinned_where_many_are_as_the_one_before(tmp_path, ca
     log = written(tmp_path / "log.csv", text(["time_s,temperature_c", *body]))
     assert run(log, "--look", "--out", tmp_path) == 0
     assert "each reading stands in about 5 rows" in capsys.readouterr().out
+
+
+def one_sensor_a_row(stamps, other="B", name="sensor_id"):
+    """As databases export several sensors: a row each, the second one 3 K warmer and much slower."""
+    slow = np.interp(LOG.time_s - 20.0, LOG.time_s, LOG.temperature_c) + 3.0
+    first, second = stamps
+    rows = zip(LOG.time_s, LOG.temperature_c, slow, strict=True)
+    body = [row for t, a, b in rows for row in (f"{first(t)},A,{a:.2f}", f"{second(t)},{other},{b:.2f}")]
+    return text([f"time,{name},temperature_c", *body])
+
+
+stamp = date("%Y-%m-%d %H:%M:%S.%f")
+
+
+@pytest.mark.parametrize(
+    "log",
+    [
+        one_sensor_a_row((stamp, stamp)),
+        one_sensor_a_row((lambda t: f"{t:.2f}", lambda t: f"{t:.2f}")),
+        one_sensor_a_row((stamp, lambda t: stamp(t + 0.21))),
+        one_sensor_a_row((stamp, stamp), name="where"),
+        text(sorted(one_sensor_a_row((stamp, stamp)).splitlines(), key=lambda row: (row[0] != "t", row.split(",")[1]))),
+    ],
+    ids=["same stamps", "same counts", "in turn", "an unknown name", "one after the other"],
+)
+def test_rows_of_several_sensors_are_told_apart(tmp_path, capsys, log):
+    """Taken for one sensor's they are spread over their stamps, and their steps are as fast as neither's."""
+    path = written(tmp_path / "log.csv", log)
+    assert run(path, "--look", "--out", tmp_path) == 0
+    assert (
+        "680 lines of another" in (said := capsys.readouterr().out) and "others, for [log] only in the map: B" in said
+    )
+    assert 'only = { "' in (text_ := (tmp_path / "log.toml").read_text())
+    assert run(path, "--map", tmp_path / "log.toml", "--out", tmp_path / "c") == 0
+    for one in read_campaign(tmp_path / "c").runs:
+        in_full(one.imet.time_s, one.imet.values["temperature_c"], LOG.time_s, LOG.temperature_c)
+    bare = "".join(line for line in text_.splitlines(keepends=True) if not line.startswith("only"))
+    assert run(path, "--map", written(tmp_path / "bare.toml", bare), "--out", tmp_path / "d") == 2
+    assert "its rows are of 2 sensors" in capsys.readouterr().err
+    with pytest.raises(shockrig.InputError, match="has the sensors 'A', 'B'; name one by sensor="):
+        shockrig.import_log(path)
+    second = shockrig.import_log(path, sensor="B")
+    assert min(one.imet.values["temperature_c"].min() for one in second.runs) > 24.0
+
+
+def test_what_changes_from_row_to_row_and_is_no_sensor(tmp_path):
+    """A resistance that the temperature is made of, a controller's output, a relay, and a count within the second."""
+    rows = enumerate(zip(LOG.time_s, LOG.temperature_c, strict=True))
+    body = [
+        f"{stamp(t)[:19]},{round(40 * a)},{'on' if n % 7 < 3 else 'off'},{n % 2},{round(40 * a) / 40}"
+        for n, (t, a) in rows
+    ]
+    log = written(tmp_path / "log.csv", text(["time,ohm,relay,within,temperature_c", *body]))
+    assert not look_at([log], tmp_path / "log.toml").whose
+    read_c = np.round(4.0 * (LOG.temperature_c + np.random.default_rng(1).normal(0.0, 0.3, LOG.time_s.size))) / 4.0
+    body = [f"{t},{round(2.0 * (93.0 - a) + 0.01 * t)},{a}" for t, a in zip(LOG.time_s, read_c, strict=True)]
+    log = written(tmp_path / "control.csv", text(["time_s,output,temperature_c", *body]))
+    assert not look_at([log], tmp_path / "control.toml").whose
+
+
+def test_what_is_taken_for_granted_of_the_time_is_said(tmp_path, capsys):
+    """A time in ms that does not say so makes every response a thousand times as slow; a date, another day."""
+    counts = written(tmp_path / "count.csv", text(plain("time,temperature_c", lambda t: f"{1000 * t:.0f}")))
+    dates = written(tmp_path / "date.csv", text(plain("time,temp", date("%d/%m/%Y %H:%M:%S.%f"))))
+    for log, said in ((counts, 'if they are ms, say time_unit = "ms"'), (dates, "nothing in the log tells")):
+        assert run(log, "--look", "--out", tmp_path) == 0
+        assert said in capsys.readouterr().out
+        assert any(said in note for note in shockrig.import_log(log).notes)
 
 
 def intermet(tmp_path):

@@ -1,0 +1,115 @@
+"""Whether rows of a log are of several sensors, one a row, and which column says whose: as databases export them.
+
+Read as one sensor's, the readings of two that stand in turn are noise, or one that is as fast as neither. A sensor
+reads once at a time: rows that bear one stamp, or stamps that were there already, are of another.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shockrig.files.disk import shown
+from shockrig.rig.bench_errors import BenchError
+from shockrig.rig.logs.stamps import TimeColumns, newest_first
+from shockrig.rig.logs.text import SAMPLE_LINES, Scan, is_value
+
+Array = NDArray[np.float64]
+
+LEAST_ROWS = 5  # of each sensor, in the mean: what differs more often tells rows apart, and not sensors
+AGAIN = 0.1  # of the rows bear a stamp that was there, or one before: fewer may have come late
+LEFT = 0.02  # of these may still do so among the rows of one sensor
+IN_TURN = 0.5  # of rows are of another sensor than the row before, where every row has a stamp of its own
+JUMPS = 3.0  # times what a sensor's readings do from one to the next, that rows of several do
+_SENSOR = re.compile(
+    r"(^|[^a-z])(sensor|probe|device|dev|node|logger|station|channel|chan|entity|mac|serial|address|addr|location|site)"
+    r"([^a-z]|s?$|id|name|no|nr|number)",
+    re.I,
+)
+
+
+class SeveralError(BenchError):
+    """Rows of several sensors: the `column` that says whose, and what stands in it."""
+
+    def __init__(self, message: str, column: str, values: tuple[str, ...]) -> None:
+        super().__init__(message)
+        self.column, self.values = column, values
+
+
+def demand_one_sensor(lines: Scan, clock: TimeColumns, time_s: Array, values: Mapping[str, Array]) -> None:
+    """Refuse rows that are of several sensors; `values` are the columns that are read, arrays of shape (n,).
+
+    Raises
+    ------
+    SeveralError
+        Names the column that says whose a row is, and the remedy.
+    """
+    moments = time_s[np.isfinite(time_s)]
+    if clock.every_s is not None or moments.size < 2 * LEAST_ROWS:
+        return
+    forth = -1.0 if newest_first(moments) else 1.0
+    again = int((forth * np.diff(moments) <= 0.0).sum())
+    some = lines.sample()
+    for place, name in enumerate(lines.names):
+        cells = [row[place] for row in some]
+        if name in clock.columns or name in values or not 1 < len(set(cells)) <= len(cells) / LEAST_ROWS:
+            continue
+        is_called, is_word = _SENSOR.search(name) is not None, not any(map(is_value, cells))
+        if not (is_called or is_word or all(map(str.isdecimal, cells))):
+            continue
+        may_follow = bool(again) and (is_called or is_word)  # one sensor's rows after the other's
+        if not may_follow and np.mean([a != b for a, b in pairwise(cells[:SAMPLE_LINES])]) < IN_TURN:
+            continue
+        whose = _codes(lines, place)
+        if again and not _goes_on_apart(whose, forth * time_s, again, clock):
+            continue
+        if may_follow or _take_turns(whose) and (is_called or _jumps(whose, values)):
+            said = tuple(dict.fromkeys(cells))
+            raise SeveralError(
+                f"{shown(lines.path)}: its rows are of {len(said)} sensors, told apart by the column {name!r} "
+                f"({', '.join(said[:5])}{', ...' if len(said) > 5 else ''}); state one in the map, [log] only = "
+                f'{{ "{name}" = "{said[0]}" }}',
+                name,
+                said,
+            )
+
+
+def _codes(lines: Scan, place: int) -> NDArray[np.intp]:
+    """Whose each row is, as a number."""
+    codes: dict[str, int] = {}
+    found = (codes.setdefault(lines.cells([row])[0][place], len(codes)) for row in lines.rows)
+    return np.fromiter(found, dtype=np.intp, count=len(lines.rows))
+
+
+def _take_turns(whose: NDArray[np.intp]) -> bool:
+    """Whether most of the others come before a sensor comes again: what wanders, as an output, does not so."""
+    order = np.argsort(whose, kind="stable")
+    rows_between = np.diff(order)[np.diff(whose[order]) == 0]
+    return bool(np.median(rows_between) > IN_TURN * (whose.max() + 1))
+
+
+def _goes_on_apart(whose: NDArray[np.intp], time_s: Array, again: int, clock: TimeColumns) -> bool:
+    """Whether rows whose stamps do not go on are of another sensor than the row before, and those of each go on.
+
+    A clock that counts anew for each says nothing of when that was; dates that were there are another's.
+    """
+    there = np.isfinite(time_s)
+    whose, moments = whose[there], time_s[there]
+    order = np.argsort(whose, kind="stable")
+    left = (np.diff(moments[order])[np.diff(whose[order]) == 0] <= 0.0).sum()
+    return bool(left <= LEFT * again and (clock.is_dated or again >= AGAIN * moments.size))
+
+
+def _jumps(whose: NDArray[np.intp], values: Mapping[str, Array]) -> bool:
+    """Whether a reading goes from row to row by more than from one to the next of the same sensor.
+
+    Where these never differ, the column is what was read, in other words: a resistance.
+    """
+    order = np.argsort(whose, kind="stable")
+    same = np.diff(whose[order]) == 0
+    moves = [(np.abs(np.diff(value)), np.abs(np.diff(value[order])[same])) for value in values.values()]
+    return any(np.nanmedian(row) > JUMPS * np.nanmedian(own) for row, own in moves if (own > 0.0).any())
