@@ -26,6 +26,7 @@ def quiet_around(
     large beside this one. `groups` are the piece's `groups_of`."""
     loose = _loose(steps, groups)
     places = {channel.name: place for place, channel in enumerate(channels)}
+    begun_s: dict[tuple[int, ChangePoint], float] = {}
     found = []
     for step in steps:
         quiet: dict[str, Stretch] = {}
@@ -36,7 +37,9 @@ def quiet_around(
                 # Half of the way to it is the step's, whoever cannot tell when it began.
                 half_s = 0.5 * (step.at_s + change.time_s)
                 if change.time_s > step.at_s:
-                    until_s = min(until_s, max(_begun_s(channels[place], change, _changes(groups, place)), half_s))
+                    if (place, change) not in begun_s:
+                        begun_s[place, change] = _begun_s(channels[place], change, _changes(groups, place))
+                    until_s = min(until_s, max(begun_s[place, change], half_s))
                 else:
                     since_s = max(since_s, min(change.time_s + change.width_s, half_s))
             quiet[name] = since_s, until_s
@@ -46,17 +49,20 @@ def quiet_around(
 
 def _loose(steps: Sequence[StepInLog], groups: Sequence[Sequence[Cluster]]) -> list[Sequence[Cluster]]:
     """Groups of changes that are none of the steps: each step's is the nearest of those whose windows it lies in."""
-    taken = set()
-    for step in steps:
-        near = [k for k, group in enumerate(groups) if _may_be(group, step)]
-        taken |= {min(near, key=lambda k: abs(groups[k][0].time_s - step.at_s))} if near else set()
+    taken = {group_of(groups, step.at_s, step.uncertainty_s) for step in steps}
     return [group for k, group in enumerate(groups) if k not in taken]
 
 
-def _may_be(group: Sequence[Cluster], step: StepInLog) -> bool:
+def group_of(groups: Sequence[Sequence[Cluster]], at_s: float, uncertainty_s: float) -> int | None:
+    """The place of the group of changes that a step is: the nearest of those whose windows it may lie in."""
+    near = [k for k, group in enumerate(groups) if _may_be(group, at_s, uncertainty_s)]
+    return min(near, key=lambda k: abs(groups[k][0].time_s - at_s)) if near else None
+
+
+def _may_be(group: Sequence[Cluster], at_s: float, uncertainty_s: float) -> bool:
     begin_s = group[0].time_s - 2.0 * group[0].width_s  # as far back as a start is looked for
     end_s = max(change.time_s + change.width_s for one in group for those in one.changes.values() for change in those)
-    return begin_s <= step.at_s + 2.0 * step.uncertainty_s and step.at_s - 2.0 * step.uncertainty_s <= end_s
+    return begin_s <= at_s + 2.0 * uncertainty_s and at_s - 2.0 * uncertainty_s <= end_s
 
 
 def _changes(groups: Sequence[Sequence[Cluster]], place: int) -> list[ChangePoint]:
