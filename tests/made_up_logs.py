@@ -90,6 +90,9 @@ def unpadded(t):
     return f"{moment:%Y}/{moment.month}/{moment.day},{moment.hour}:{moment.minute}:{moment.second}.{moment:%f}"
 
 
+halves = date("%m/%d/%y %I:%M:%S.%f %p")
+
+
 def plain(header, time=lambda t: f"{t:.2f}", separator=",", decimal=".", value=lambda v: f"{v:.2f}"):
     def row(t, temperature, humidity, n):
         cells = [value(temperature), value(humidity)]
@@ -193,6 +196,9 @@ WAYS = {
     "header again and again": text(with_lines(plain("time_s,temp,rh"), 300, "time_s,temp,rh", "time_s,temp,rh")),
     "last line cut off": text(plain("time_s,temp,rh")) + "340.2",
     "a separator at the end": text([line + "," if k else line for k, line in enumerate(plain("time_s,temp,rh"))]),
+    "a column of units": text(
+        lines_of("Date/Time,Unit,Value,RH (%)", lambda t, a, b, n: f"{halves(t)},F,{a:.2f},{b:.2f}")
+    ),
     "unit in every cell": text(lines_of("time,temp,rh", lambda t, a, b, n: f"{t:.2f},{a:.2f} °C,{b:.2f} %")),
     "unit in every cell, stamps beside": text(
         lines_of("Time,Temp,RH", lambda t, a, b, n: f"{date('%H:%M:%S.%f')(t)},{a:.2f}*F,{b:.2f}%")
@@ -204,7 +210,7 @@ WAYS = {
     ),
 }  # fmt: skip
 MARKED = {"NaN", "-999", "empty cells", "dashes", "6526.9 now and then", "words in cells"}
-FAHRENHEIT = {"American", "unit in every cell, stamps beside"}
+FAHRENHEIT = {"American", "a column of units", "unit in every cell, stamps beside"}
 
 
 def written(path, content):

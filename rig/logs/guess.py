@@ -15,7 +15,7 @@ from shockrig.rig.logs.clock_columns import guess_clock
 from shockrig.rig.logs.known import SensorGuess, adjust
 from shockrig.rig.logs.mapping import COLUMNS
 from shockrig.rig.logs.stamps import NUMBERS, TimeColumns
-from shockrig.rig.logs.text import NUMBER, Scan, is_value, unit_said
+from shockrig.rig.logs.text import NUMBER, Scan, is_value, unit_of_all, unit_said
 
 Array = NDArray[np.float64]
 
@@ -55,7 +55,7 @@ def guess_log(lines: Scan, impossible: Collection[str] = ()) -> Guess:
     unused: list[tuple[str, str]] = []
     read: list[tuple[str, str, str, list[str]]] = []
     for k, name in enumerate(lines.names):
-        if name in times:
+        if name in times or unit_of_all(lines, k, rows):
             continue
         if name in impossible:
             unused.append((name, IMPOSSIBLE))

@@ -207,10 +207,20 @@ def _is_number(text: str) -> bool:
 
 
 def unit_said(lines: Scan, place: int, rows: Sequence[Sequence[str]] = ()) -> str | None:
-    """The unit that a log names of a column: under its name, in it, or in the cells of some rows."""
+    """The unit that a log names of a column: under its name, in it, in the cells of some rows or in a column of units
+    beside it."""
     under, name = known_unit(lines.units[place]), lines.names[place]
     by_letter, _ = unit_by_letter(name, lines.names)
-    return under or unit_in_name(name) or unit_in_cells([row[place] for row in rows]) or by_letter
+    said = under or unit_in_name(name) or unit_in_cells([row[place] for row in rows]) or by_letter
+    return said or next((unit for k in (place - 1, place + 1) if (unit := unit_of_all(lines, k, rows))), None)
+
+
+def unit_of_all(lines: Scan, place: int, rows: Sequence[Sequence[str]]) -> str | None:
+    """The one unit that a column of units holds; None of any other column."""
+    if not 0 <= place < len(lines.names) or not lines.names[place].lower().startswith("unit"):
+        return None
+    cells = {row[place] for row in rows}
+    return known_unit(*cells) if len(cells) == 1 else None
 
 
 def unit_in_cells(cells: Sequence[str]) -> str | None:
@@ -250,7 +260,8 @@ def _usual(lines: Sequence[str], separator: str) -> int:
 
 
 def _separator(lines: Sequence[str], layout: Layout) -> str:
-    """The separator by which most lines have the same number of cells and most cells are values."""
+    """The separator by which most lines have the same number of cells and most cells are values, some of them numbers:
+    blanks part a date from its time of day, and leave none."""
     if layout.separator is not None:
         return SEPARATORS[layout.separator]
     some = _some(lines)
@@ -260,6 +271,8 @@ def _separator(lines: Sequence[str], layout: Layout) -> str:
         if width < 2:
             continue
         cells = [_split(line, separator) for line in some if _count(line, separator) == width]
+        if sum(any(_is_number(cell.strip()) for cell in row) for row in cells) < 0.5 * len(cells):
+            continue
         good = sum(map(is_value, (cell for row in cells for cell in row))) / (width * len(cells))
         score = good * len(cells) / len(some)
         if score > best_score + 1e-9:

@@ -16,6 +16,7 @@ from made_up_logs import (
     TWO,
     WAYS,
     date,
+    halves,
     in_full,
     lines_of,
     plain,
@@ -722,6 +723,20 @@ def test_what_changes_from_row_to_row_and_is_no_sensor(tmp_path):
     body = [f"{t},{round(2.0 * (93.0 - a) + 0.01 * t)},{a}" for t, a in zip(LOG.time_s, read_c, strict=True)]
     log = written(tmp_path / "control.csv", text(["time_s,output,temperature_c", *body]))
     assert not look_at([log], tmp_path / "control.toml").whose
+
+
+def test_a_logger_button_exports_dates_of_twelve_hours_and_a_column_of_units(tmp_path):
+    """Blanks part its rows, too, into a date, a time of day and a rest that is no number."""
+    head = [
+        "1-Wire/iButton Part Number: DS1921G-F5",
+        "Mission Start:  Wed Aug 14 02:01:00 UTC 2013",
+        "Total Samples:  437",
+    ]
+    lines = lines_of("Date/Time,Unit,Value", lambda t, a, b, n: f"{halves(t)},C,{a:.2f}")
+    look = look_at([written(tmp_path / "log.csv", text([*head, "", *lines]))], tmp_path / "log.toml")
+    (sensor,) = look.map.sensors.values()
+    assert dict(sensor.columns) == {"temperature": ("Value", "degC")} and len(look.steps[0]) == 3
+    assert not any("not used" in said for said in look.notes)
 
 
 def test_what_is_taken_for_granted_of_the_time_is_said(tmp_path, capsys):
