@@ -126,6 +126,7 @@ FELT_SIGMAS = 3.0  # of the noise that the other sensor shows around
 ON_THE_WAY = 0.25  # of the larger step beside a reading, that the smaller one goes on by
 WORST_SHARE = 0.5  # of what the farthest reading around is off: those go together
 SPIKE_STEPS = 3.0  # of the log: rounding at both ends, and one for the air
+STAYED_SHARE = 0.5  # of what a lag leaves when the air goes back to where it was
 AROUND_WIDTH = 31
 AROUND_SIGMAS = 6.0  # of what is usual in so many rows before, or behind
 LONGEST_GAP_S = 10.0  # without any row: more may be a step of the clock
@@ -384,6 +385,7 @@ def screen(
             of_air = _felt(reading[rows[new]], felt, rows[new], noise, resolution)
             # nor what no air does, if both sensors are absurd at once
             of_air &= ~_spikes(reading[rows], new, FARTHEST_SWINGS * swing * share, noise, resolution)
+            of_air &= ~_back_at_once(reading[rows[new]], (1.0 - share) ** np.diff(rows[new]), noise, resolution)
         lone = _lone(reading[rows[new]], lasting > 1, of_air, noise, resolution)
         spiked = _spikes(reading[rows], new, swing * share, noise, resolution)
         if lagging is not None and spiked.any():
@@ -514,6 +516,15 @@ def _spikes(values: Array, new: NDArray[np.int64], swing: float, noise: float, r
     if spiked.any():
         spiked &= np.abs(values - _around(values, AROUND_WIDTH))[new] > most
     return np.asarray(spiked)
+
+
+def _back_at_once(values: Array, left: Array, noise: float, resolution: float) -> Mask:
+    """Which of the values (n,) the readings go to and come back from by the next, where a lag leaves at least the share
+    `left` (n - 1,) of what it has followed: the air would have gone as far beyond where it was before. A row that was
+    corrupted is so in both sensors, and a humidity that is made with the temperature goes as the air's would."""
+    gone, stayed = np.diff(values)[:-1], values[2:] - values[:-2]
+    beyond = LONE_SIGMAS * np.hypot(noise, resolution)
+    return np.pad(np.maximum(np.sign(gone) * stayed, 0.0) + beyond < STAYED_SHARE * left[1:] * np.abs(gone), 1)
 
 
 def _in_bursts(reading: Array, believed: Mask, implausible: Mask, swing: float) -> Mask:

@@ -352,6 +352,26 @@ def test_readings_that_are_absurd_at_once_are_of_no_air_however_alike():
     assert np.flatnonzero(found.implausible).tolist() == [46]
 
 
+def test_a_reading_that_is_back_at_once_is_none_that_a_lag_follows():
+    """A dropsonde's row with a temperature that was corrupted by 9 K, and a humidity that its electronics made of that
+    and the film's vapour: the one seemed to have felt the other. Rows beside it came out 14 K off what they read, and
+    every temperature of the drop was unsure by 4.3 K."""
+    rng, row = np.random.default_rng(3), np.arange(480)
+    reading = np.round(-12.0 + 0.06 * row + 0.02 * rng.standard_normal(480), 2)
+    reading[150] += 8.8
+    humidity = 93.0 * np.exp(-0.07 * (reading + 12.0 - 0.06 * row)) + 0.1 * rng.standard_normal(480)
+    felt = Felt(-np.log(humidity) / 0.07, 0.05, 0.005)
+    found = screen(0.5 * row, reading, RANGES["temperature_c"], 0.02, share=0.47, swing=15.0, felt=felt)
+    assert np.flatnonzero(found.implausible).tolist() == [150]
+    # a plume that the air went back from leaves what the sensor has of it
+    reading[151] += 0.53 * 8.8
+    reading[152] += 0.28 * 8.8
+    humidity = 93.0 * np.exp(-0.07 * (reading + 12.0 - 0.06 * row)) + 0.1 * rng.standard_normal(480)
+    felt = Felt(-np.log(humidity) / 0.07, 0.05, 0.005)
+    found = screen(0.5 * row, reading, RANGES["temperature_c"], 0.02, share=0.47, swing=15.0, felt=felt)
+    assert not found.implausible.any()
+
+
 def test_humidity_that_jumps_with_a_temperature_that_was_not_read_is_believed():
     """A thermometer that is stuck over a front: the vapour beside what it reads goes there and back, and the humidity
     jumps once. (In a damaged log the humidity came out 66 times as wrong as it was read.)"""
