@@ -656,7 +656,8 @@ def stairs(values: Array, resolution: float, noise: float = np.inf) -> bool:
 
 def resolution_of(values: Array) -> float:
     """Smallest step between the values that occur, or the step of the grid that nearly all of them lie on (what was put
-    in between is on no step of the log), or of those that occur again where that many do; 0 where there is but one."""
+    in between is on no step of the log), or the usual one where readings go from one value to the next and the steps
+    between are uneven, or of those that occur again where that many do; 0 where there is but one."""
     values = np.round(values[:20000], 9)
     every, counts = np.unique(values, return_counts=True)
     levels, again = every, np.flatnonzero(counts > 1)
@@ -667,6 +668,14 @@ def resolution_of(values: Array) -> float:
     steps = np.diff(levels)
     if not steps.size:
         return 0.0
+    along = np.diff(np.searchsorted(every, values))  # levels that readings go by
+    if (
+        levels.size >= FEWEST_LEVELS
+        and values.size >= ON_A_STEP * every.size
+        and np.median(np.abs(along[along != 0])) == 1
+    ):
+        # from one level to the next there is nothing between, however uneven they are
+        return float(np.median(np.abs(np.diff(values))[np.abs(along) == 1]))
     step = float(np.quantile(steps, 0.05, method="lower"))
     taken = np.count_nonzero(np.abs(np.abs(np.diff(values)) / step - 1.0) < OFF_GRID)
     if levels.size < FEWEST_LEVELS and taken < FEWEST_CHANGES:

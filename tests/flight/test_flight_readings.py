@@ -1047,6 +1047,19 @@ def test_the_step_of_a_log_is_that_of_the_grid_its_readings_lie_on():
     assert resolution_of(ramp) == 0.5  # what occurs again is three steps apart
 
 
+def test_steps_of_a_log_may_be_uneven():
+    """A tethersonde writes tenths of a kelvin as the nearest eighth, some of them as they are: steps of 0.025 to 0.125
+    K, of which the smallest passed for the log's. Two of three rows were then a sensor that stood."""
+    rng = np.random.default_rng(5)
+    air = -4.0 + 3.0 * np.sin(np.arange(6000) / 900.0) + np.cumsum(0.004 * rng.standard_normal(6000))
+    tenth = np.round(10.0 * air)
+    written = np.array([0.0, 0.125, 0.25, 0.375, 0.4, 0.5, 0.625, 0.75, 0.875, 0.9])
+    reading = np.floor(tenth / 10.0) + written[(tenth % 10.0).astype(int)]
+    assert resolution_of(reading) == pytest.approx(0.125)
+    found = screen(1.0 * np.arange(6000), reading, RANGES["temperature_c"], 0.05, share=0.1, swing=15.0)
+    assert found.usable.all() and not found.repeated.any()
+
+
 def test_a_sensor_that_stands_to_the_end_of_the_log_is_said_to():
     """However many of its readings lie on one level: one level is no grid."""
     done = correct(flight(humidity_percent=lambda v: put(slice(170, None), v[170])(v)), PROFILE)
