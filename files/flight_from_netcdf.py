@@ -1,4 +1,5 @@
-"""A flight read from netCDF: variables over one dimension, by their CF standard names or by names that logs use."""
+"""A flight read from netCDF: variables over one dimension that is longer than 1, by their CF standard names or by names
+that logs use."""
 
 from __future__ import annotations
 
@@ -75,7 +76,7 @@ def read_netcdf(path: Path, chosen: Mapping[str, str]) -> tuple[dict[str, tuple[
 
 
 def _read(data: Any, chosen: Mapping[str, str], path: Path) -> tuple[dict[str, tuple[Array, Array]], tuple[str, ...]]:
-    lines = {name: v for name, v in data.variables.items() if v.ndim == 1 and v.dtype != str and v.dtype.kind in "iuf"}
+    lines = {name: v for name, v in data.variables.items() if _is_line(v)}
     for quantity, name in chosen.items():
         if name not in data.variables:
             has = ", ".join(data.variables)
@@ -96,7 +97,7 @@ def _read(data: Any, chosen: Mapping[str, str], path: Path) -> tuple[dict[str, t
         if (clock := clock_of[taken]) is None:
             raise InputError(
                 f"{shown(path)}: {taken!r} for {quantity} has no times: no variable of time lies over "
-                f"({lines[taken].dimensions[0]}); name one that does with --column time=NAME, or another variable"
+                f"({', '.join(lines[taken].dimensions)}); name one that does with --column time=NAME, or another one"
             )
         try:
             values = _values(lines[taken], quantity, path)
@@ -116,6 +117,12 @@ def _read(data: Any, chosen: Mapping[str, str], path: Path) -> tuple[dict[str, t
             said.append(f"{quantity} {taken!r} is taken, {others_said(quantity, others)}")
         read.append(f"{quantity.replace('_', ' ')} {taken!r}{DOWNWARDS if _down(lines[taken], quantity) else ''}")
     return found, (f"read as netCDF: {', '.join(read)}; times {', '.join(map(repr, seconds))}", *said)
+
+
+def _is_line(variable: Any) -> bool:
+    """Whether a variable is a row of numbers: over one dimension, or of one flight of those there is room for."""
+    numbers = variable.dtype != str and variable.dtype.kind in "iuf"
+    return numbers and variable.ndim > 0 and variable.size == max(variable.shape)
 
 
 def _standard_name(variable: Any) -> str:
@@ -150,13 +157,14 @@ def _plain_unit(variable: Any) -> str:
 
 
 def _is_dated(variable: Any) -> bool:
-    return " since " in str(getattr(variable, "units", ""))
+    since = str(getattr(variable, "units", "")).partition(" since ")[2]
+    return any(map(str.isdigit, since))  # "seconds since launch" counts from no date
 
 
 def _clocks(lines: Mapping[str, Any], chosen: str | None) -> list[str]:
     """Variables of time, the one that is `chosen` first, all of them dates where one is."""
     named = [name for name, variable in lines.items() if _standard_name(variable) == "time" or _is_dated(variable)]
-    named = [name for name in (chosen, *named, *_called(lines, "time")) if name is not None and name in lines]
+    named = [name for name in ([chosen] if chosen else []) + named + _called(lines, "time") if lines[name].size > 1]
     dated = any(_is_dated(lines[name]) for name in (named[:1] if chosen in lines else named))
     return [name for name in dict.fromkeys(named) if _is_dated(lines[name]) == dated]
 
@@ -176,6 +184,10 @@ def _down(variable: Any, quantity: str) -> bool:
     return quantity == "altitude" and way == "down"
 
 
+def _numbers(variable: Any) -> Array:
+    return np.asarray(np.ma.filled(np.ma.asarray(variable[:], dtype=float), np.nan)).ravel()
+
+
 def _seconds(variable: Any, path: Path) -> Array:
     import netCDF4
 
@@ -186,7 +198,7 @@ def _seconds(variable: Any, path: Path) -> Array:
     nano = 1.0
     if unit.strip().lower() in ("ns", "nanosecond", "nanoseconds"):  # which the library does not know
         nano, units = 1e-9, f"seconds since {since}"
-    values: Array = np.ma.filled(np.ma.asarray(variable[:], dtype=float), np.nan)
+    values = _numbers(variable)
     try:
         ends = netCDF4.num2date(np.array([0.0, 1.0]), units, only_use_cftime_datetimes=True)
         origin, one = np.asarray(netCDF4.date2num(ends, "seconds since 1970-01-01 00:00:00"), dtype=float).tolist()
@@ -196,15 +208,15 @@ def _seconds(variable: Any, path: Path) -> Array:
 
 
 def _values(variable: Any, quantity: str, path: Path) -> Array:
-    values: Array = np.ma.filled(np.ma.asarray(variable[:], dtype=float), np.nan)
+    values = _numbers(variable)
     if _down(variable, quantity):
         values = -values
     known, unit = UNITS.get(quantity, {}), str(getattr(variable, "units", "")).strip()
     if not known or not unit:
         return values
     plain = _plain_unit(variable)
-    if quantity == "altitude" and plain not in known:
-        plain = plain.partition(" ")[0]  # "meters above Mean Sea Level"
+    if quantity in ("altitude", "time") and plain not in known:
+        plain = plain.partition(" ")[0]  # "meters above Mean Sea Level", "seconds since launch"
     if plain not in known:
         one_of_each = {scale: name for name, scale in reversed(known.items())}
         said = f"{variable.name} is in {unit!r}, which is not known; give one of"

@@ -1,5 +1,5 @@
-"""Flights in other forms than a CSV file: ArduPilot's .bin, netCDF, FlySight 2, radiosonde_auto_rx's JSON, and any text
-log by a map. All become one CSV file.
+"""Flights in other forms than a CSV file: ArduPilot's .bin, netCDF, FlySight 2, a dropsonde's file of AVAPS,
+radiosonde_auto_rx's JSON, and any text log by a map. All become one CSV file.
 
 It has the columns that `correct` knows (time_s, temperature_c, humidity_percent, ...), a row for each reading of the
 sensor that is read most often; what is read more seldom stands in the nearest row.
@@ -94,6 +94,7 @@ def to_csv(
 
 def _by_content(source: Path) -> tuple[dict[str, Series], tuple[str, ...]] | None:
     """What a log holds that its first line tells, and what was read as what; None of any other."""
+    from shockrig.files import flight_avaps as avaps
     from shockrig.files import flight_flysight as flysight
     from shockrig.files.flight_telemetry import read_telemetry
 
@@ -103,6 +104,8 @@ def _by_content(source: Path) -> tuple[dict[str, Series], tuple[str, ...]] | Non
         first = stream.readline(FIRST_LINE).lstrip("\0 \t")
     if first.startswith(flysight.BEGINS):
         return flysight.read_flysight(source)
+    if first.startswith(avaps.BEGINS):
+        return avaps.read_avaps(source)
     if first.startswith(flysight.FIRST_FLYSIGHT):
         raise InputError(
             f"{shown(source)}: a track of FlySight 1, which has positions and no temperature; give the sensor's own log"

@@ -302,6 +302,26 @@ def test_a_unit_of_netcdf_that_says_above_what_is_one(tmp_path):
     np.testing.assert_allclose(read_netcdf(tmp_path / "in.nc", {})[0]["altitude"][1], [1.0, 2.0, 3.0])
 
 
+def test_a_sounding_in_the_trajectory_form_of_netcdf_is_read(tmp_path):
+    """CF keeps several flights in one array of (trajectory, level); a radiosonde's file has one, and counts its seconds
+    since a launch that another variable dates. Before: "neither temperature nor humidity found"."""
+    with netCDF4.Dataset(tmp_path / "in.nc", "w") as data:
+        data.createDimension("trajectory", 1)
+        data.createDimension("levels", 3)
+        launch = data.createVariable("launch_time", "f8", ("trajectory",))
+        launch[:], launch.units = [1550522484.0], "seconds since 1970-01-01 00:00:00 UTC"
+        for name, unit, standard in (
+            ("flight_time", "seconds since launchtime", "time"),
+            ("ta", "degrees_Celsius", "air_temperature"),
+            ("hur", "%", "relative_humidity"),
+        ):
+            variable = data.createVariable(name, "f4", ("trajectory", "levels"))
+            variable[:], variable.units, variable.standard_name = [[1.0, 2.0, 3.0]], unit, standard
+    found, _ = read_netcdf(tmp_path / "in.nc", {})
+    for quantity in ("temperature", "humidity"):
+        np.testing.assert_allclose(found[quantity], [[1.0, 2.0, 3.0]] * 2)
+
+
 def test_readings_in_another_unit_are_said_to_be(flown):
     log = flown.log.iloc[:300].assign(humidity_percent=lambda log: log["humidity_percent"] / 100)
     assert any("if they are fractions of 1" in note for note in correct(frame_to_flight(log), PROFILE).notes)

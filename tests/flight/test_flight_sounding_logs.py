@@ -10,6 +10,7 @@ import pytest
 import shockrig
 from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.files import flight_known
+from shockrig.files.errors import InputError
 from shockrig.files.flight_known import KnownLog
 from shockrig.files.profile import write_profile
 from shockrig.protocols.cli import main
@@ -45,8 +46,41 @@ $DATA
 """
 
 
+AVAPS = """AVAPS-T04 STA 234150007 240811 172544.21
+AVAPS-T04 COM   Sonde    Date    Time     Press   Temp   Humid  Dir    Spd    Veloc  Longitude   Latitude  Altitude
+AVAPS-D04 P11 234150007 240811 173334.00 9999.00  21.50  40.00 999.00 999.00  99.00  999.000000  99.000000 99999.00
+AVAPS-T04 LAU 234150007 240811 173334.50
+AVAPS-D04 S00 234150007 240811 173334.50  147.83 -37.58  12.57 200.07 213.47 -13.20  -24.642752  11.038282 99999.00 \
+  9  12.57 999.00   9  3.51 14499.51
+AVAPS-D04 S10 234150007 240811 173334.75 9999.00  99.00 999.00 199.56 208.66 -16.36  999.000000  99.000000 99999.00 \
+  9 999.00 999.00   9  4.08 99999.00
+AVAPS-D04 S00 234150007 2408
+AVAPS-D04 S00 234150007 240811 173335.00  148.15 -49.30  30.39 199.54 204.36 -17.72  -24.642461  11.039162 99999.00 \
+  7  30.39 999.00   7  4.87 14496.38
+AVAPS-T04 END 234150007 240811 175110.67
+""".replace("\\\n", "")
+
+
 def stamp(*when):
     return datetime(*when, tzinfo=UTC).timestamp()
+
+
+def test_a_dropsonde_is_read_as_its_receiver_wrote_it(tmp_path):
+    """Before: "no column of time recognised (columns: AVAPS-T04 STA ...); name it"."""
+    (tmp_path / "D20240811_173334.4").write_text(AVAPS)
+    flight, said = read_log(tmp_path / "D20240811_173334.4")
+    np.testing.assert_allclose(flight.time_s, stamp(2024, 8, 11, 17, 33, 34) + np.array([0.5, 1.0]))
+    np.testing.assert_allclose(flight.temperature_c, [-37.58, -49.3])
+    np.testing.assert_allclose(flight.humidity_percent, [12.57, 30.39])
+    np.testing.assert_allclose(flight.pressure_hpa, [147.83, 148.15])
+    np.testing.assert_allclose(flight.altitude_m, [14499.51, 14496.38])
+    np.testing.assert_allclose(flight.latitude_deg, [11.038282, 11.039162])
+    assert any(
+        "the sonde 234150007; 1 line before the launch left out; 1 damaged line left out" in note for note in said
+    )
+    (tmp_path / "D1").write_text(AVAPS.replace(" S", " P"))
+    with pytest.raises(InputError, match="no line of a sonde behind its launch"):
+        read_log(tmp_path / "D1")
 
 
 def windsond(path, first="23:59:58", rows=4):
