@@ -82,7 +82,8 @@ NAMES: dict[str, tuple[str, ...]] = {
     "longitude": ("longitudedeg", "longitude", "lon", "lng", "xqimetxqlongitude", "gpslongitude"),
     "altitude": (
         "altitudem", "altitude", "xqimetxqaltitude", "alt", "height", "altagl", "altmsl", "altitudeasl", "altitudeagl",
-        "altitudemsl", "z", "gpsaltitude", "gpsalt", "altgps",
+        "altitudemsl", "z", "gpsaltitude", "gpsalt", "altgps", "hght", "hgt", "gph", "geopotentialheight", "heightmsl",
+        "heightasl", "heightagl",
     ),
     "vertical_speed": (
         "verticalspeedms", "verticalspeed", "risespeedms", "risespeed", "climbratems", "climbrate", "vspeed",

@@ -225,6 +225,7 @@ def is_called_time(name: str) -> bool:
     low = bare_name(name).lower()
     return (
         low in _TIMES
+        or re.match(r"([Tt]ime|[Ee]lapsed)[A-Z]", name) is not None
         or re.match(r"(time|date|zeit|datum)(\b|_|stamp)", low) is not None
         or low.endswith(("time", "_ms"))
     )

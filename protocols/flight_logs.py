@@ -130,9 +130,7 @@ def _by_guess(source: Path, columns: Mapping[str, str] | None) -> tuple[dict[str
             raise InputError(f"{no_clock}; --map MAP.toml takes it") from None
         except BenchError:
             raise refused from None
-        ordered = sorted(seen.sensors.items(), key=lambda one: _indoors(one[1]))
-        seen = replace(seen, sensors=dict(ordered))
-        found, remarks = _by_map(source, seen)
+        seen, found, remarks = _of_possible(source, seen)
         taken, others = dict[str, str](), dict[str, list[str]]()
         for sensor in seen.sensors.values():
             for key, (name, _) in sensor.columns.items():
@@ -161,6 +159,31 @@ def _by_guess(source: Path, columns: Mapping[str, str] | None) -> tuple[dict[str
                 said.append(f"{key} {taken[key]!r} is taken, and not {named}: a map with one sensor takes another")
         return found, (*said, *remarks)
     return None
+
+
+def _of_possible(source: Path, seen: LogMap) -> tuple[LogMap, dict[str, Series], tuple[str, ...]]:
+    """What a log holds by the map that is `seen`, or without columns that cannot be what their names say where others
+    are the same quantity's: the map, and what was found odd."""
+    from shockrig.rig.logs.first_map import columns_of
+    from shockrig.rig.logs.log import ImpossibleError
+
+    refused: list[ImpossibleError] = []
+    while True:
+        seen = replace(seen, sensors=dict(sorted(seen.sensors.items(), key=lambda one: _indoors(one[1]))))
+        try:
+            found, remarks = _by_map(source, seen)
+        except ImpossibleError as fault:
+            refused.append(fault)
+            rest = columns_of(source, refused)
+            measured = [{key for sensor in one.sensors.values() for key in sensor.columns} for one in (seen, rest)]
+            if not (measured[0] & set(MAIN)) <= measured[1]:
+                raise
+            seen = rest
+        else:
+            left_out = (
+                f"column {one.column!r} is left out: hardly any of it can be what its name says" for one in refused
+            )
+            return seen, found, (*left_out, *remarks)
 
 
 def _indoors(sensor: SensorMap) -> int:

@@ -45,6 +45,7 @@ _COUNTERS = {
     "index", "idx", "id", "seq", "sequence",
 }  # fmt: skip
 _COUNT = re.compile(f"({'|'.join(sorted(_COUNTERS, key=len, reverse=True))})+")  # packetnr, recno: two words in one
+RISING = "rising"
 _READ = {name for quantity, names in NAMES.items() if quantity != "time" for name in names}
 
 
@@ -189,12 +190,14 @@ def _counted(name: str, cells: Sequence[str], unit: str | None, named: bool) -> 
     time_unit = unit if unit in UNITS["time"] else None
     if time_unit is not None:
         return TimeColumns((name,), NUMBERS, time_unit)
-    doubt = "no unit is named; taken as seconds"
+    doubt = (
+        "no unit is named; taken as seconds" if named else "its name is none of times, but it rises; taken as seconds"
+    )
     if np.median(steps[steps > 0]) >= 20 and (values == np.round(values)).all():
         doubt += (
             f', of which {np.median(steps[steps > 0]):g} pass between readings: if they are ms, say time_unit = "ms"'
         )
-    return TimeColumns((name,), NUMBERS, "s", doubt=doubt)
+    return TimeColumns((name,), NUMBERS, "s", doubt=doubt, known="stated" if named else RISING)
 
 
 def _share(test: Callable[[str], bool], texts: Sequence[str]) -> float:

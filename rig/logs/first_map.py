@@ -14,7 +14,7 @@ from shockrig.files.numbers import short
 from shockrig.files.unit_names import quantity_of
 from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.logs.apart import SeveralError
-from shockrig.rig.logs.clock_columns import counters, guess_clock
+from shockrig.rig.logs.clock_columns import RISING, counters, guess_clock
 from shockrig.rig.logs.found import LogStep, steps_of
 from shockrig.rig.logs.guess import NOTHING, ZEROS, Guess, guess_log, likely_reference
 from shockrig.rig.logs.log import ImpossibleError
@@ -126,10 +126,16 @@ def _look(
     return LogLook(text, parse_map(text, map_path), tuple(logs), tuple(steps), notes, whose)
 
 
-def columns_of(path: Path) -> LogMap:
-    """The map of one log's columns as they are recognised; no step is looked for. Raises as `look_at` does."""
+def columns_of(path: Path, refused: Sequence[ImpossibleError] = ()) -> LogMap:
+    """The map of one log's columns as they are recognised, without those that were refused; no step is looked for, and
+    no time for a person to check.
+
+    Raises as `look_at` does, and where a column may be anything that rises: an altitude does.
+    """
     seen = scan(path, Layout())
-    guess = _recognised(seen)
+    guess = _recognised(seen, refused)
+    if guess.clock is not None and guess.clock.known == RISING:
+        raise BenchError(f"{shown(path)}: no column is called a time; {guess.clock.columns[0]} merely rises")
     return parse_map(_head([seen], guess, path, None) + _sensors(guess, {}, None), path)
 
 

@@ -62,7 +62,7 @@ def guess_log(lines: Scan, impossible: Collection[str] = ()) -> Guess:
             continue
         values = _numbers([row[k] for row in rows], lines.decimal)
         named = unit_said(lines, k, rows)
-        quantity = _position(name) or quantity_of(name, named)
+        quantity = _position(name) or quantity_of(name, named) or _of_a_pair(name, lines.names)
         if quantity is None or quantity == "time":
             unused.append((name, _why_no_reading(clock, name, k, lines, rows)))
             continue
@@ -168,6 +168,14 @@ def _position(name: str) -> str | None:
     """Which of `POSITION` a column is, by the names that flights' logs give it."""
     names = (squeeze(name), squeeze(bare_name(name)))
     return next((place for place in POSITION if any(one in NAMES[place] for one in names)), None)
+
+
+def _of_a_pair(name: str, names: Sequence[str]) -> str | None:
+    """A column whose name begins as a humidity's and goes on as a temperature's does is one: RHsamp beside TEMPsamp."""
+    if re.match("rh[a-z]", name, re.I) is None:
+        return None
+    temperatures = {sensor_key(other) for other in names if quantity_of(other, None) == "temperature"}
+    return "humidity" if sensor_key(name) in temperatures else None
 
 
 def _one_pair(sensors: dict[str, SensorGuess]) -> dict[str, SensorGuess]:

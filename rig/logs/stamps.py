@@ -31,7 +31,8 @@ class TimeColumns:
     `format` is "iso", "number" (of `unit`), "time of day" or a strptime format for the columns joined by a blank.
     `since_1970`: the numbers are dates. `doubt` says what was taken for granted, for the user to check. `every_s`: no
     column tells the time, and rows come so many seconds apart. `known` is "named" where the log itself names the
-    unit of its times, else "stated": by a map, or taken for granted.
+    unit of its times, "rising" where nothing but that its numbers rise speaks for a column, else "stated": by a map,
+    or taken for granted.
     """
 
     columns: tuple[str, ...]

@@ -234,6 +234,35 @@ def test_of_several_temperatures_the_airs_is_taken_and_the_others_are_named(
         assert status == 0 and "is taken, and not" not in said
 
 
+def test_a_humidity_is_taken_with_the_temperature_of_its_own_name(tmp_path, capsys):
+    """A thermometer in an inlet was corrected with the hygrometer of another box: 'RHsamp' was none by its name."""
+    rows = [f"{s},NA,{20 + 0.1 * np.sin(s / 9):.2f},{44 + 0.1 * np.sin(s / 9):.2f},19.7,41.6" for s in range(60)]
+    status, said = run(tmp_path, capsys, "\n".join(["DateTime,CO2,TEMPsamp,RHsamp,TEMP1,RH1", *rows]) + "\n")
+    assert status == 0 and "temperature 'TEMPsamp', humidity 'RHsamp'" in said
+    assert "humidity 'RHsamp' is taken, and not 'RH1'" in said
+
+
+def test_a_column_that_cannot_be_what_it_is_called_is_left_out_where_there_is_another(tmp_path, capsys):
+    """A logger that writes an iMet-XQ2's integers beside what they mean was refused: "2386 cannot be"."""
+    names = "host_timestamp,temperature_raw,temperature_c,humidity_raw,relative_humidity_pct"
+    cells = (f"{2386 + s % 5},{23.86 + 0.01 * (s % 5):.2f},{310 + s // 9},{31 + 0.1 * (s // 9):.1f}" for s in range(60))
+    rows = "".join(f"2026-08-26T20:18:{s:02d}.104+01:00,{one}\n" for s, one in enumerate(cells))
+    status, said = run(tmp_path, capsys, f"{names}\n{rows}")
+    assert status == 0 and "temperature 'temperature_c', humidity 'relative_humidity_pct'" in said
+    assert "column 'temperature_raw' is left out: hardly any of it can be what its name says" in said
+    status, said = run(tmp_path, capsys, f"{names}\n{rows}".replace("temperature_c", "c"))
+    assert status == 2 and "2386 cannot be" in said  # the only one may be in another unit
+
+
+@pytest.mark.parametrize("separator", [",", ";"])
+@pytest.mark.parametrize(("name", "status"), [("hght", 2), ("level", 2), ("", 2), ("TimeElapsed", 0)])
+def test_what_merely_rises_is_no_time(tmp_path, capsys, name, status, separator):
+    """Heights of a sounding's levels, and a table's numbers of rows, were taken for seconds."""
+    rows = "".join(f"{90 + 5 * s},{20 + 0.1 * np.sin(s / 9):.2f},{40 + 0.1 * s:.1f}\n" for s in range(60))
+    found, said = run(tmp_path, capsys, (f"{name},temp,rh\n" + rows).replace(",", separator))
+    assert found == status and (status == 0 or "no column of time" in said or "by a map" in said)
+
+
 def test_of_two_altitudes_the_one_that_is_not_empty_is_taken(tmp_path, capsys):
     """The result had no altitude, without a word."""
     rows = [f"{s},{20 + 0.1 * np.sin(s / 9):.2f},,NaN,{5 * s}" for s in range(60)]
