@@ -706,8 +706,8 @@ def slow_against_fast(flight: Flight, bead: FlightChannel, notes: list[str]) -> 
     if air is None or bead.raw.all() or (found := following(flight, air)) is None:
         return
     notes.append(
-        f"temperature: the humidity sensor's own thermometer follows the corrected air {found.lag_s:.2g} s behind, "
-        f"to within {found.left_k:.2g} K rms beside a constant"
+        f"temperature: the humidity sensor's own thermometer follows the corrected air {short(found.lag_s, 2)} s "
+        f"behind, to within {found.left_k:.2g} K rms beside a constant"
     )
 
 

@@ -58,13 +58,14 @@ from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S, REFERE
 from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA
 from shockrig.files.errors import InputError
 from shockrig.files.flight import FLAGS, Corrected, Flight
-from shockrig.files.numbers import moment
+from shockrig.files.numbers import counted, moment
 from shockrig.files.profile import Profile
 from shockrig.files.profile_data import NOISE_K, NOISE_PERCENT
 from shockrig.files.ranges import LIKELY_RANGES, RANGES
 
 Array = NDArray[np.float64]
 PARTED_S = 2.0 * LONGEST_BRIDGE_S
+MOST_STEPS = 3  # of a clock, that are said one by one
 Dependence = Callable[[Sequence[Acting], float], list[str]]
 
 
@@ -209,11 +210,15 @@ def in_order(flight: Flight) -> tuple[Flight, NDArray[np.int64], list[str]]:
             raise InputError("time_s: the rows run backwards in time; turn the log round, oldest row first")
         raise InputError("time_s: fewer than two rows with times that run forward; give a log with a clock in seconds")
     rows = np.flatnonzero(clock.good)
-    steps = [
-        f"the clock steps by {step.by_s:+.4g} s to {moment(flight.time_s[step.row])}: "
-        + ("the readings run on, it was set" if step.runs_on else "a gap, across which nothing is concluded")
-        for step in clock.steps
-    ]
+    steps: list[str] = []
+    for runs_on, what in (
+        (True, "the readings run on, it was set"),
+        (False, "a gap, across which nothing is concluded"),
+    ):
+        alike = [(step.by_s, moment(flight.time_s[step.row])) for step in clock.steps if step.runs_on == runs_on]
+        steps += [f"the clock steps by {by_s:+.4g} s to {at}: {what}" for by_s, at in alike[:MOST_STEPS]]
+        if others := alike[MOST_STEPS:]:
+            steps.append(f"the clock steps {counted(len(others), 'more time')} like that, the last to {others[-1][1]}")
     return replace(flight.at(rows), time_s=clock.time_s), rows, steps
 
 

@@ -311,8 +311,8 @@ def judged(
     contradicted = _contradicted(readings, found, noise, trusted)
     if contradicted.any():
         notes.append(
-            f"{readings.channel}: {counted(int(np.count_nonzero(contradicted)), 'row')} are given as read: no air "
-            "would have made the sensor read that beside the readings around"
+            f"{readings.channel}: {counted(int(np.count_nonzero(contradicted)), 'row')} given as read: no air would "
+            "have made the sensor read that beside the readings around"
         )
     raw_rows = outside | contradicted
     if trusted.any() and (why := _no_gain(found, lag[trusted], noise[trusted], variance[trusted])):
@@ -320,8 +320,8 @@ def judged(
         raw_rows[:] = True
     if outside.any():
         notes.append(
-            f"{readings.channel}: {np.count_nonzero(outside)} rows lie outside the profile's table "
-            "and are given as they came"
+            f"{readings.channel}: {counted(int(np.count_nonzero(outside)), 'row')} outside the profile's table, "
+            "given as they came"
         )
     value, sigma = found.air * unit, np.sqrt(variance) * unit
     away = np.hypot(sigma, raw - value)
@@ -547,7 +547,7 @@ def held(
     if (moved := away > 0.0).any():
         notes.append(
             f"{channel.name}: {counted(int(np.count_nonzero(moved)), 'row')} came out farther from the readings around "
-            "than the sensor's lag allows, and are given at the farthest that it does, with as much more uncertainty"
+            "than the sensor's lag allows: given at the farthest that it does, with as much more uncertainty"
         )
         value = np.where(moved, value, channel.value)
         channel = replace(channel, value=value, uncertainty=np.hypot(channel.uncertainty, away))
@@ -739,8 +739,8 @@ def _above_ceiling(
     """Values where the sensor stopped: it was there or above."""
     limit = float(np.max(raw[capped]))
     notes.append(
-        f"{channel.name}: {counted(int(np.count_nonzero(capped)), 'row')} are held at {limit:.6g}, the largest there "
-        "is: they say that the sensor was there or above"
+        f"{channel.name}: {counted(int(np.count_nonzero(capped)), 'row')} held at {limit:.6g}, the largest there is: "
+        "the sensor was there or above"
     )
     # the sensor, not the air: that lies as far from it as it does without the ceiling
     shown = value - channel.lag

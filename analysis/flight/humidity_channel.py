@@ -658,8 +658,8 @@ def _as_read(channel: FlightChannel, raw: Array, rows: NDArray[np.bool_], notes:
     if not rows.any():
         return channel
     notes.append(
-        f"humidity: {counted(int(np.count_nonzero(rows)), 'row')} without a reading of the temperature around are "
-        "given as they were read"
+        f"humidity: {counted(int(np.count_nonzero(rows)), 'row')} without a reading of the temperature around, given "
+        "as read"
     )
     changed = np.where(rows, raw - channel.value, 0.0)
     wider = (np.hypot(sigma, changed) for sigma in (channel.uncertainty, channel.common))
