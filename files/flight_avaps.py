@@ -23,15 +23,8 @@ from shockrig.files.numbers import counted
 Array = NDArray[np.float64]
 BEGINS = "AVAPS-"
 DATA, CELLS = "AVAPS-D", 20
-# place of each quantity, and its code for no value
-PLACES = {
-    "pressure": (5, 9999.0),
-    "temperature": (6, 99.0),
-    "humidity": (7, 999.0),
-    "longitude": (11, 999.0),
-    "latitude": (12, 99.0),
-    "altitude": (19, 99999.0),
-}
+PLACES = {"pressure": 5, "temperature": 6, "humidity": 7, "longitude": 11, "latitude": 12, "altitude": 19}
+NOTHING = {5: 9999.0, 6: 99.0, 7: 999.0, 11: 999.0, 12: 99.0, 19: 99999.0}  # code for no value at each place
 
 
 def read_avaps(path: Path) -> tuple[dict[str, tuple[Array, Array]], tuple[str, ...]]:
@@ -66,9 +59,9 @@ def read_avaps(path: Path) -> tuple[dict[str, tuple[Array, Array]], tuple[str, .
         )
     table, time_s = list(zip(*rows, strict=True)), np.array(times)
     found = {}
-    for quantity, (place, nothing) in PLACES.items():
+    for quantity, place in PLACES.items():
         values = numbers_of(table[place])
-        found[quantity] = (time_s, np.where(values == nothing, np.nan, values))
+        found[quantity] = (time_s, np.where(values == NOTHING[place], np.nan, values))
     said = [f"read as a dropsonde's file of AVAPS: the sonde {table[2][0]}"]
     if waiting:
         said.append(f"{counted(waiting, 'line')} before the launch left out")
