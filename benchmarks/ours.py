@@ -162,6 +162,36 @@ def fresh_run_errors(outcome: Outcome, campaign: str | Path, channel: str) -> tu
     return before, after
 
 
+def borne_out(outcome: Outcome, campaign: str | Path, channel: str) -> list[tuple[float, bool]]:
+    """Of each effect of a diagnosis's likeliest model its probability, and whether unseen runs bear it out: at the rate
+    that runs have in common that model leaves less of another campaign than the likeliest one without the effect does.
+    """
+    from shockrig.analysis.diagnose.held_out import run_errors
+    from shockrig.analysis.diagnose.prepare import prepare
+    from shockrig.analysis.diagnose.refitting import as_judged
+    from shockrig.analysis.estimate.gather import build_channel
+    from shockrig.files.campaign import read_campaign
+
+    found = next((c for c in outcome.found.channels if c.name == channel), None) if outcome.found else None
+    fresh = build_channel(read_campaign(campaign), channel)
+    if found is None or fresh is None or fresh.rates != found.problem.channel.rates:
+        return []
+    bins = prepare(fresh, found.noise.averaged).problem
+
+    def left(model: Any) -> float:
+        judged = as_judged(found.problem, model.fit)
+        return float("nan") if judged is None else float(run_errors(fresh, bins, judged).mean())
+
+    search = found.search
+    likeliest = search.pool[0]
+    said = []
+    for effect in sorted(likeliest.ids - search.plain.ids):
+        without = next((one for one in search.pool if not one.holds(effect)), None)
+        if without is not None:
+            said.append((search.probability(effect), left(likeliest) < left(without)))
+    return said
+
+
 def judged_from(campaign: str | Path, channel: str) -> dict[str, float]:
     """The first reading of each run that is used [s]: one that drifts before its start is used from there on."""
     from shockrig.analysis.estimate.gather import usable_runs

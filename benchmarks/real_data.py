@@ -1,12 +1,14 @@
 """Steps that other people measured: runs predicted that took no part, beside what one would fit without this project.
 
     python benchmarks/real_data.py --logs /path/to/real [--keep DIR] [--only TEXT]
-    python benchmarks/real_data.py --cache DIR [--keep DIR] [--only TEXT] [--with FILE.NAME=VALUE]
+    python benchmarks/real_data.py --cache DIR [--keep DIR] [--only TEXT] [--draw N [--seed S]] [--with FILE.NAME=VALUE]
 
 Per set: the error on held-out runs of the plain and of the extended model and of each rival (`rivals.py`; the same
 runs, the same folds), the ratio to the best rival and to the one that its training runs would have chosen, the verdict,
 what is named, t63. Where a diagnosis leaves runs out, or has no prediction of a fold, all are judged on the runs that
-it predicts. A set of one run has no held-out error: there the rivals' error is that on the run itself.
+it predicts. A set of one run has no held-out error: there the rivals' error is that on the run itself. At the end what
+probability effects were given in the folds, and how often the runs held out bear them out: the likeliest model leaves
+less of them than the likeliest one without the effect.
 
 `--logs` is a folder with the two sets as they were published; `data/real`, taken otherwise, holds thinned parts.
 `--cache` judges other sets in their place, from logs that this project does not hold (`real_cache_sets.py`
@@ -22,6 +24,7 @@ import shutil
 import sys
 import tempfile
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +32,7 @@ from rivals import CHOSEN
 
 RATIO = 1.05
 FOLDS = 3
+TENTHS = (*np.arange(0.0, 0.95, 0.1), 1.01)
 DEFAULT_LOGS = Path(__file__).parent.parent / "data" / "real"
 
 
@@ -48,13 +52,15 @@ def part_of(campaign: Path, out: Path, ids: list[str]) -> Path:
 
 def our_held_out(
     campaign: Path, channel: str, folds: int, scratch: Path, limit_s: int
-) -> tuple[dict[str, tuple[float, float]], str]:
-    """Mean square errors of each held-out run, plain and extended, each fold diagnosed without it; and the last reason
-    why there are none of a fold. A run that a diagnosis leaves out has none either."""
-    from ours import fresh_run_errors, judge
+) -> tuple[dict[str, tuple[float, float]], list[tuple[float, bool]], str]:
+    """Mean square errors of each held-out run, plain and extended, each fold diagnosed without it; how probable effects
+    were, and whether those runs bear them out; and the last reason why there are none of a fold. A run that a diagnosis
+    leaves out has none either."""
+    from ours import borne_out, fresh_run_errors, judge
 
     names = sorted(p.name for p in (campaign / "runs").iterdir())
     found: dict[str, tuple[float, float]] = {}
+    said: list[tuple[float, bool]] = []
     why = "every run is left out"
     for k in range(folds):
         train = [n for i, n in enumerate(names) if i % folds != k]
@@ -63,12 +69,14 @@ def our_held_out(
         if "diagnose" in outcome.refused or "diagnose" in outcome.crashed:
             why = (outcome.refused | outcome.crashed)["diagnose"].strip().splitlines()[-1].rsplit("/", 1)[-1][:90]
             continue
-        both = fresh_run_errors(outcome, part_of(campaign, scratch / f"test{k}", test), channel)
+        fresh = part_of(campaign, scratch / f"test{k}", test)
+        both = fresh_run_errors(outcome, fresh, channel)
         if both is None:
             why = "no prediction of other runs"
             continue
         found |= {n: (b, a) for n, b, a in zip(test, *both, strict=True) if np.isfinite(a)}
-    return found, why
+        said += borne_out(outcome, fresh, channel)
+    return found, said, why
 
 
 def judge_set(real, logs: Path, keep: Path | None, limit_s: int) -> dict:
@@ -86,9 +94,9 @@ def judge_set(real, logs: Path, keep: Path | None, limit_s: int) -> dict:
         first = judged_from(campaign, real.channel)  # for rivals as well: errors are of the same readings
         runs = [replace(r, judged_from_s=first.get(r.id, -np.inf)) for r in read_records(campaign, real.channel)]
         folds = folds_of(len(runs))
-        squares, ours = {}, "one run"
+        squares, said, ours = {}, [], "one run"
         if folds:
-            squares, ours = our_held_out(campaign, real.channel, folds, Path(folder) / "folds", limit_s)
+            squares, said, ours = our_held_out(campaign, real.channel, folds, Path(folder) / "folds", limit_s)
             by_run = held_out(runs, real.channel, folds)  # of the rivals, on the same runs where there are any
             rivals = {
                 name: float(np.sqrt(np.mean([error**2 for run, error in e.items() if run in squares or not squares])))
@@ -106,6 +114,7 @@ def judge_set(real, logs: Path, keep: Path | None, limit_s: int) -> dict:
             "predicted": len(squares),
             "rivals": rivals,
             "ours": ours,
+            "said": said,
             "told": outcome.tells(real.channel),
             "t63": t63(outcome.extended, real.channel) or t63(outcome.plain, real.channel),
             "failed": outcome.refused | outcome.crashed,
@@ -150,6 +159,18 @@ def report(real, r: dict) -> list[str]:
     return lines
 
 
+def reliability(said: list[tuple[float, bool]]) -> list[str]:
+    """What probability effects had, and how often unseen runs bear them out."""
+    lines = ["probability    effects     said    borne out"]
+    stated, borne = (np.array(one, dtype=float) for one in zip(*said, strict=True))
+    for low, high in pairwise(TENTHS):
+        here = (stated >= low) & (stated < high)
+        if here.any():
+            size, mean, share = int(here.sum()), stated[here].mean(), borne[here].mean()
+            lines.append(f"{low:.2f} to {min(high, 1.0):.2f}{size:11d}{mean:9.2f}{share:13.2f}")
+    return lines
+
+
 def main(argv: list[str] | None = None) -> int:
     from real_cache_sets import cached_sets
     from real_eighth_sets import eighth_sets
@@ -172,6 +193,8 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--cache", type=Path, help="folder of logs as published, OWNER/NAME/PATH: judge these sets")
     parser.add_argument("--keep", type=Path, help="folder to keep the campaigns in")
     parser.add_argument("--only", default="", help="sets whose name contains this text")
+    parser.add_argument("--draw", type=int, help="so many of the sets, drawn at random")
+    parser.add_argument("--seed", type=int, default=0, help="of that draw (0)")
     parser.add_argument("--limit", type=int, default=300, help="seconds of the processor for one command (300)")
     parser.add_argument(
         "--with",
@@ -189,6 +212,7 @@ def main(argv: list[str] | None = None) -> int:
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     worse = behind = 0
+    said: list[tuple[float, bool]] = []
     groups = (
         *(cached_sets, third_sets, fourth_sets, fifth_sets, sixth_sets),
         *(seventh_sets, eighth_sets, ninth_sets, tenth_sets, eleventh_sets, twelfth_sets, thirteenth_sets),
@@ -196,17 +220,24 @@ def main(argv: list[str] | None = None) -> int:
     )
     cached = [real for group in groups for real in group()]
     sets, logs = (cached, args.cache) if args.cache else (real_sets(), args.logs)
-    for real in (s for s in sets if args.only in s.name):
+    sets = [one for one in sets if args.only in one.name]
+    if args.draw is not None:
+        order = np.random.default_rng(args.seed).permutation(len(sets))
+        sets = [sets[i] for i in order[: args.draw]]
+    for real in sets:
         try:
             found = judge_set(real, logs, args.keep, args.limit)
         except OSError as error:  # scipy says no more than that of a missing file
             print(f"{real.name}: not judged: {error}", flush=True)
             continue
         print("\n".join(report(real, found)), flush=True)
+        said += found["said"]
         if not isinstance(found["ours"], str):
             worse += found["ours"][1] > RATIO * min(e for name, e in found["rivals"].items() if name != CHOSEN)
             behind += found["ours"][1] > RATIO * found["rivals"][CHOSEN]
     print(f"\nsets with an error above {RATIO:g} of the best rival's: {worse}; of that best in training: {behind}")
+    if said:
+        print("\n".join(reliability(said)))
     return 0
 
 
