@@ -11,6 +11,7 @@ import csv
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,6 +40,7 @@ COLUMNS = {
     "vertical_speed": "vertical_speed_m_s",
 }
 FIRST_LINE = 200  # characters that tell a log
+FIRST_ROWS = 2000  # that tell whether rows are of several sensors
 BACK_S = 1.0  # that the clock steps back: less is rows out of order
 QUANTITY_OF = {"temperature": "temperature", "humidity": "humidity", "die_temperature": "die", "pressure": "pressure"}
 MAIN = ("temperature", "humidity")
@@ -120,7 +122,9 @@ def _by_guess(source: Path, columns: Mapping[str, str] | None) -> tuple[dict[str
     from shockrig.rig.logs.first_map import NoClockError, columns_of
 
     try:
-        read_layout(source, columns)
+        layout = read_layout(source, columns)
+        if not (layout.known or layout.raw_xq2) and len(layout.header) > len(layout.place):
+            _demand_one_sensor(source)
     except LayoutError as refused:
         if columns:  # the names are those of a CSV file
             raise
@@ -159,6 +163,31 @@ def _by_guess(source: Path, columns: Mapping[str, str] | None) -> tuple[dict[str
                 said.append(f"{key} {taken[key]!r} is taken, and not {named}: a map with one sensor takes another")
         return found, (*said, *remarks)
     return None
+
+
+def _demand_one_sensor(source: Path) -> None:
+    """Refuse rows that are of several sensors, one a row, as the first of them tell it.
+
+    Raises
+    ------
+    InputError
+        Names the column that says whose a row is, and the remedy.
+    """
+    from shockrig.rig.bench_errors import BenchError
+    from shockrig.rig.logs.apart import SeveralError
+    from shockrig.rig.logs.first_map import columns_of
+    from shockrig.rig.logs.sensor_logs import read_sensors
+
+    with tempfile.TemporaryDirectory() as folder:
+        first = Path(folder) / source.name
+        with open_text(source, REMEDY, errors="replace") as stream:
+            first.write_text("".join(islice(stream, FIRST_ROWS)), encoding="utf-8")
+        try:
+            read_sensors(first, columns_of(first))
+        except SeveralError as fault:
+            raise InputError(f"{shown(source)}{str(fault).removeprefix(shown(first))}, and give it by --map") from None
+        except BenchError:
+            pass  # whatever else is odd of it is said where it is read
 
 
 def _of_possible(source: Path, seen: LogMap) -> tuple[LogMap, dict[str, Series], tuple[str, ...]]:

@@ -399,6 +399,17 @@ def test_readings_in_a_plume_are_not_implausible_and_absurd_ones_are():
     assert wrongly <= 12  # of 1200, at the plume's edges
 
 
+def test_rows_of_two_sensors_are_no_flight_of_one(tmp_path, capsys):
+    """One sensor a row, 10 K apart, as databases export them: both had been one sensor's, without a word."""
+    both = (("A", 20.0), ("B", 30.0))
+    rows = [f"{i},{name},{warm + 0.01 * (i % 5):.2f},50" for i in range(300) for name, warm in both]
+    text = "\n".join(["time_s,sensor_id,temperature_c,humidity_percent", *rows]) + "\n"
+    status, said = run(tmp_path, capsys, text)
+    assert status == 2 and not (tmp_path / "out.csv").exists()
+    assert "log.csv: its rows are of 2 sensors, told apart by the column 'sensor_id' (A, B)" in said
+    assert said.rstrip().endswith("and give it by --map")
+
+
 def test_short_logs_are_screened_as_well():
     for count in range(1, 40):
         reading = 20.0 + 0.1 * np.sin(np.arange(count))
