@@ -8,6 +8,8 @@
 #include <math.h>
 #include <string.h>
 
+#define SOURCE "c612628223589bf0" /* files/compiled.py */
+
 enum { LONGEST_CELL = 64, EXACT_DIGITS = 15, EXACT_POWER = 22 };
 enum { MORE = 0, OTHER = 1, QUOTED = 2 };
 
@@ -133,6 +135,7 @@ static PyMethodDef methods[] = {{"read", read_lines, METH_VARARGS, "Columns of n
                                 {NULL, NULL, 0, NULL}};
 static PyModuleDef_Slot slots[] = {{0, NULL}};
 static struct PyModuleDef table = {
-    .m_base = PyModuleDef_HEAD_INIT, .m_name = "_cells", .m_size = 0, .m_methods = methods, .m_slots = slots};
+    .m_base = PyModuleDef_HEAD_INIT, .m_name = "_cells", .m_doc = SOURCE, .m_size = 0,
+    .m_methods = methods, .m_slots = slots};
 
 PyMODINIT_FUNC PyInit__cells(void) { return PyModuleDef_Init(&table); }

@@ -17,12 +17,15 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from shockrig.files.compiled import demand_current
 from shockrig.files.disk import open_regular, open_text, shown
 from shockrig.files.errors import InputError
 from shockrig.files.flight import REMEDY, FlightColumns, without_nul
 
 try:
     from shockrig.files import _cells
+
+    demand_current(_cells)
 except ImportError:  # built where there is a compiler
     _cells = None  # type: ignore[assignment]
 

@@ -3,6 +3,7 @@
 import re
 import tomllib
 from collections import Counter
+from hashlib import sha256
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
@@ -40,6 +41,15 @@ def test_a_file_has_a_name_of_its_own():
     on_purpose = {ROOT / "protocols" / "commands", ROOT / "rig" / "virtual" / "chips", ROOT / "analysis" / "effects"}
     names = Counter(file.name for file in files if file.parent not in on_purpose and file.name != "__init__.py")
     assert [name for name, count in names.items() if count > 1] == []
+
+
+def test_compiled_parts_say_which_source_they_are_of():
+    """So that what was built before a change is not used after it (files/compiled.py)."""
+    for part in PROJECT["tool"]["setuptools"]["ext-modules"]:
+        text = (ROOT / part["sources"][0]).read_text()
+        others, said = re.subn(r'^#define SOURCE "\w+".*\n', "", text, flags=re.MULTILINE)
+        wanted = f'#define SOURCE "{sha256(others.encode()).hexdigest()[:16]}"'
+        assert said == 1 and wanted in text, f"{part['sources'][0]}: state {wanted}"
 
 
 def test_the_readme_and_ci_run_one_test_command():

@@ -10,6 +10,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define SOURCE "12ad298c06d7e718" /* files/compiled.py */
+
 #define AIR 6
 #define TREND 3
 #define EDDIES 3
@@ -456,6 +458,7 @@ static PyMethodDef methods[] = {{"smooth", smooth, METH_VARARGS, "Smooth windows
                                 {NULL, NULL, 0, NULL}};
 static PyModuleDef_Slot slots[] = {{0, NULL}};
 static struct PyModuleDef kernel = {
-    .m_base = PyModuleDef_HEAD_INIT, .m_name = "_kernel", .m_size = 0, .m_methods = methods, .m_slots = slots};
+    .m_base = PyModuleDef_HEAD_INIT, .m_name = "_kernel", .m_doc = SOURCE, .m_size = 0,
+    .m_methods = methods, .m_slots = slots};
 
 PyMODINIT_FUNC PyInit__kernel(void) { return PyModuleDef_Init(&kernel); }

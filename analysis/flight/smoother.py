@@ -25,9 +25,12 @@ from shockrig.analysis.flight.air_prior import (
     transition,
 )
 from shockrig.analysis.flight.response import LagResponse, stepped
+from shockrig.files.compiled import demand_current
 
 try:
     from shockrig.analysis.flight import _kernel
+
+    demand_current(_kernel)
 except ImportError:  # built where there is a compiler
     _kernel = None  # type: ignore[assignment]
 

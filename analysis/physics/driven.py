@@ -13,9 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shockrig.analysis.physics.exponentials import Modes
+from shockrig.files.compiled import demand_current
 
 try:
     from shockrig.analysis.physics import _sums
+
+    demand_current(_sums)
 except ImportError:  # built without a compiler: the same in NumPy, slowly
     _sums = None  # type: ignore[assignment]
 

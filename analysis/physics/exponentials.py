@@ -11,8 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shockrig.files.compiled import demand_current
+
 try:
     from shockrig.analysis.physics import _sums
+
+    demand_current(_sums)
 except ImportError:  # not built: the same in NumPy
     _sums = None  # type: ignore[assignment]
 

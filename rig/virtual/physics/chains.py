@@ -7,7 +7,6 @@ A sphere is cells in r (areas r^2), a film is cells in x graded towards its open
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -15,18 +14,14 @@ from typing import Any
 import numpy as np
 from scipy.linalg import lapack
 
+from shockrig.files.compiled import demand_current
+
 try:
-    from shockrig.rig.virtual.physics._march import advance as _advance
-except ModuleNotFoundError:  # built where there is a compiler
-    _advance = None  # type: ignore[assignment]
-except ImportError:
-    _advance = None  # type: ignore[assignment]
-    warnings.warn(
-        "the compiled part of the virtual bench (_march) is of an older version and is not used, so that emulated "
-        "campaigns take longer; install shockrig once more (pip install .) to build it",
-        RuntimeWarning,
-        stacklevel=2,
-    )
+    from shockrig.rig.virtual.physics import _march
+
+    demand_current(_march)
+except ImportError:  # built where there is a compiler
+    _march = None  # type: ignore[assignment]
 
 SPHERE_CELLS = 80
 FILM_CELLS = 80
@@ -218,7 +213,7 @@ class Stepper:
         was and can be made by `advance`.
         """
         step_s = self._last_step_s
-        if _advance is None or self._refresh is not None or self._factor[0] != (step_s, 1.0):
+        if _march is None or self._refresh is not None or self._factor[0] != (step_s, 1.0):
             return np.empty(0)
         count = int((until_s - self.time_s) / step_s) + 2  # one more than there can be
         if step_s < LONGEST_STEP_S:  # the next longer one begins at twice the age of this one's beginning
@@ -240,7 +235,7 @@ class Stepper:
         pull = open_end[block * runs : (block + 1) * runs] * drive
         out = np.empty(drive.shape)
         parts = [np.array(one[here].reshape(runs, cells).T, order="C") for one in stacked]
-        _advance(len(drive), cells, runs, (*parts, pull, np.ascontiguousarray(weights), out))
+        _march.advance(len(drive), cells, runs, (*parts, pull, np.ascontiguousarray(weights), out))
         self._x[here], self._before[here] = (one.T.ravel() for one in parts[:2])
         return out
 

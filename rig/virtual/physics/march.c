@@ -7,6 +7,8 @@
 #include <Python.h>
 #include <stdlib.h>
 
+#define SOURCE "ecde9dfec646b9f4" /* files/compiled.py */
+
 enum { ARRAYS = 8 };
 enum { STATE, BEFORE, CAPACITY, DIAGONAL, OFF, PULL, WEIGHT, OUT };
 
@@ -97,6 +99,7 @@ static PyMethodDef methods[] = {{"advance", advance, METH_VARARGS, "Even steps o
                                 {NULL, NULL, 0, NULL}};
 static PyModuleDef_Slot slots[] = {{0, NULL}};
 static struct PyModuleDef definition = {
-    .m_base = PyModuleDef_HEAD_INIT, .m_name = "_march", .m_size = 0, .m_methods = methods, .m_slots = slots};
+    .m_base = PyModuleDef_HEAD_INIT, .m_name = "_march", .m_doc = SOURCE, .m_size = 0,
+    .m_methods = methods, .m_slots = slots};
 
 PyMODINIT_FUNC PyInit__march(void) { return PyModuleDef_Init(&definition); }

@@ -265,14 +265,14 @@ def test_same_seed_same_files_other_seed_other_files(simulate):
         assert texts[0] == texts[1] != texts[2]
 
 
-@pytest.mark.skipif(chains._advance is None, reason="march.c was not built")
+@pytest.mark.skipif(chains._march is None, reason="march.c was not built")
 @pytest.mark.parametrize(
     "names", [(), ("condensation", "finite_transfer"), ("air_relaxation", "series_lag", "unknown_sorption_heat")]
 )
 def test_steps_made_by_c_and_by_lapack_write_the_same_files(simulate, monkeypatch, names):
     hidden = [Hidden(name, STRONG[name]) for name in names]
     compiled = simulate(*hidden, plan=[WARM, DRY, DEWY])
-    monkeypatch.setattr(chains, "_advance", None)
+    monkeypatch.setattr(chains, "_march", None)
     plain = simulate(*hidden, plan=[WARM, DRY, DEWY])
     assert compiled != plain
     for file in (file for file in plain.rglob("*") if file.is_file()):

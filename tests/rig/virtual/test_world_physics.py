@@ -2,10 +2,6 @@
 conservation.
 """
 
-import importlib.util
-import sys
-import types
-
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -50,18 +46,6 @@ def bead(biot=np.inf, cells=chains.SPHERE_CELLS, rates=RUNS, **keys):
 def film(biot=np.inf, cells=chains.FILM_CELLS, rates=RUNS, **keys):
     edges = chains.film_edges(cells)
     return answer(chains.film(rates, np.full(rates.shape, biot), edges), lambda x: x @ np.diff(edges), **keys)
-
-
-def test_a_compiled_part_of_another_version_is_told_once_and_not_used(monkeypatch):
-    """Its steps in NumPy give the same numbers, and take longer."""
-    old = types.ModuleType("shockrig.rig.virtual.physics._march")  # as before `advance` was there
-    monkeypatch.setitem(sys.modules, old.__name__, old)
-    spec = importlib.util.spec_from_file_location("chains_beside_an_old_build", chains.__file__)
-    anew = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, spec.name, anew)
-    with pytest.warns(RuntimeWarning, match="take longer; install shockrig once more") as told:
-        spec.loader.exec_module(anew)
-    assert len(told) == 1 and anew._advance is None
 
 
 def test_sphere_core_follows_the_series():
