@@ -72,6 +72,8 @@ def fleet_of(
     refused = dict(left_out or {})
     kept = _of_one_type(_without_copies(statistics, refused), refused)
     members = members_of(kept)
+    taken = {(one.path, one.probe) for sensor in members.sensors for one in sensor.campaigns}
+    refused |= {_called(one): _reasons(_lacking(one)) for one in kept if (one.path, one.probe) not in taken}
     if len(members.sensors) < LEAST_SENSORS:
         why = "; ".join(f"{name}: {reason}" for name, reason in list(refused.items())[:3])
         raise InputError(
@@ -126,8 +128,17 @@ def _of_one_type(statistics: Sequence[CampaignStatistics], refused: dict[str, st
         if channels:
             kept.append(CampaignStatistics(**{**vars(one), "channels": channels, "missing": missing}))
         else:
-            refused[_called(one)] = "; ".join(f"{name}: {why}" for name, why in missing.items())
+            refused[_called(one)] = _reasons(missing)
     return kept
+
+
+def _reasons(missing: Mapping[str, str]) -> str:
+    return "; ".join(f"{name}: {why}" for name, why in missing.items())
+
+
+def _lacking(one: CampaignStatistics) -> dict[str, str]:
+    """Why a channel of a campaign is none of its sensor's."""
+    return dict.fromkeys(one.channels, "no others have its numbers, or not at its temperatures") | dict(one.missing)
 
 
 def members_of(statistics: Sequence[CampaignStatistics]) -> Members:
@@ -402,8 +413,7 @@ def _sensor(members: Members, judged: JudgedFleet, i: int) -> FleetSensor:
             ),
         )
     for statistics in one.campaigns:
-        alone = dict.fromkeys(statistics.channels, "no others have its numbers, or not at its temperatures")
-        missing.update({k: v for k, v in (alone | dict(statistics.missing)).items() if k not in channels})
+        missing.update({k: v for k, v in _lacking(statistics).items() if k not in channels})
     return FleetSensor(
         one.name,
         tuple(_called(s) for s in one.campaigns),

@@ -413,6 +413,11 @@ def test_what_one_sensor_alone_has_is_no_number_of_the_type(off):
     )
     (odd,) = [one for one in fleet_of([*short[:3], cold, *short[4:]]).sensors if one.name == "X11 / H11"]
     assert "not at its temperatures" in odd.missing["humidity"] and list(odd.channels) == ["temperature"]
+    alone = replace(cold, channels={"humidity": cold.channels["humidity"]}, missing={"temperature": "no run"})
+    fleet = fleet_of([*short[:3], alone, *short[4:]])
+    assert len(fleet.sensors) == 9  # it had been left out without a word
+    said = "humidity: no others have its numbers, or not at its temperatures; temperature: no run"
+    assert fleet.left_out == {"c3": said}
 
 
 def test_two_campaigns_of_one_serial_number_are_one_sensor():
