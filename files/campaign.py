@@ -81,7 +81,8 @@ class Campaign(CampaignData):
     `bodies` maps "imet" and "hyt" to the shape that the plain model has, one of `BODIES`. `emulated` says that nothing
     of it was measured: it comes from emulated instruments. `common` is what it states of errors that all runs share;
     None where it states nothing. `sessions` are those of its recording, as campaign.json has them; `misspelt` are its
-    keys that mean nothing, with the ones that they are nearly.
+    keys that mean nothing, with the ones that they are nearly; `planned` are the ids of the runs that its plan has,
+    recorded or not.
     """
 
     def to_xarray(self) -> xr.Dataset:
@@ -179,6 +180,7 @@ def read_campaign(path: str | Path, probe: str = FIRST_PROBE) -> Campaign:
         common=read_common(head),
         sessions=tuple(one for one in _listed(head.get("sessions")) if isinstance(one, dict)),
         misspelt=tuple(misspelt(head.content, CAMPAIGN_KEYS)),
+        planned=tuple(str(one.get("id")) for one in _listed(head.get("plan")) if isinstance(one, dict)),
     )
 
 

@@ -79,6 +79,7 @@ class CampaignData:
     common: CommonUncertainty | None = None
     sessions: tuple[Mapping[str, Any], ...] = ()
     misspelt: tuple[str, ...] = ()
+    planned: tuple[str, ...] = ()
 
     def to_frame(self) -> pd.DataFrame:
         """One row a run: the two airs, airflow, pressure, transfer, whether the air was measured, samples."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from shockrig.files.campaign import Campaign
 
-NOT_OF_IT = {"path", "sessions", "misspelt", "set_aside", "extra", "pressure_known"}  # of a campaign and its runs
+NOT_OF_IT = {"path", "sessions", "misspelt", "planned", "set_aside", "extra", "pressure_known"}  # of it and its runs
 
 
 def fingerprint(campaign: Campaign) -> str:

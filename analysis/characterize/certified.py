@@ -168,7 +168,7 @@ def _dates(campaign: Campaign, otherwise: str) -> tuple[str, str]:
 
 def _notes(result: Characterization) -> list[str]:
     """What a reader of the figures must know besides."""
-    said = []
+    said = [finding.sentence for finding in result.findings]
     if result.campaign.emulated:
         said.append("Emulated instruments: nothing here was measured, and no sensor is certified by it.")
     for name, found in result.channels().items():

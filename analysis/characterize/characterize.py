@@ -63,8 +63,6 @@ def characterize(
     say = progress or (lambda text: None)
     input_ = checked(campaign)
     campaign = input_.campaign
-    for finding in input_.findings:
-        say(f"input: {finding.sentence}")
     found: dict[ChannelName, ChannelResult] = {}
     missing: dict[ChannelName, str] = {}
     for name in (name for name in looked_for(campaign) if name in channels):
@@ -73,8 +71,9 @@ def characterize(
             found[name] = characterize_channel(campaign, name, seed, extension, say, quickly)
         except _Unusable as reason:
             missing[name] = str(reason)
-            say(f"{name}: {reason}")
     if not found:
+        for finding in input_.findings:
+            say(f"input: {finding.sentence}")
         reasons = "; ".join(f"{name}: {reason}" for name, reason in missing.items())
         raise InputError(f"{campaign.path}: no sensor can be characterized ({reasons}); record or import usable runs")
     temperature, humidity = found.get("temperature"), found.get("humidity")

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 
 from shockrig.analysis.checks.clocks import clocks_without_starts, starts_and_clocks
-from shockrig.analysis.checks.finding import InputFinding
+from shockrig.analysis.checks.finding import InputFinding, name_runs
 from shockrig.analysis.checks.misfiled import (
     airs_disagree,
     airs_off_both,
@@ -46,11 +46,23 @@ def misspelt_keys(view: CampaignView) -> Iterator[InputFinding]:
         yield InputFinding("misspelt_key", None, tuple(those), "warn", sentence)
 
 
+def planned_runs(view: CampaignView) -> Iterator[InputFinding]:
+    """Runs of the plan that are not there."""
+    planned = view.campaign.planned
+    if missing := sorted(set(planned) - {run.id for run in view.campaign.runs}):
+        sentence = (
+            f"Of the plan {name_runs(missing, len(planned))} {'is' if len(missing) == 1 else 'are'} not there: the "
+            "campaign is still being recorded, or was interrupted. The same shockrig run command records the rest."
+        )
+        yield InputFinding("partly_recorded", None, (), "warn", sentence)
+
+
 # All plain checks of a campaign before any fit. A new check is one function and one line in `CHECKS`.
 
 # In this order: what one of them stops, the later ones no longer look at, so that one fault is said once.
 CHECKS: tuple[Callable[[CampaignView], Iterable[InputFinding]], ...] = (
     misspelt_keys,
+    planned_runs,
     everything_in_kelvin,
     impossible_readings,
     everything_a_fraction,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -147,7 +147,7 @@ def write_characterization(
     numbers = _number_blocks(result)
     if "diffusivity" in drawn:
         numbers.append(figure("diffusivity", "How fast the film is, over temperature"))
-    sections = [Section("The numbers", numbers), *more]
+    sections = [*input_section(one.sentence for one in result.findings), Section("The numbers", numbers), *more]
     for name, found in result.channels().items():
         noise = found.noise
         text = Text(
@@ -176,6 +176,12 @@ def write_characterization(
         tone="warning" if bad else "good",
     )
     return report.write(folder / "report.html")
+
+
+def input_section(sentences: Iterable[str]) -> list[Section]:
+    """What the checks of the input say; no section where they say nothing."""
+    warnings = [Text(sentence, "warning") for sentence in sentences]
+    return [Section("What looks wrong with the input", warnings)] if warnings else []
 
 
 _METHOD = (

@@ -17,6 +17,7 @@ from shockrig.analysis.effects.described import entry_of
 from shockrig.analysis.estimate.channel import FIRST_LOG_BIN_S, LeftOut
 from shockrig.analysis.estimate.quantity import QUANTITIES
 from shockrig.analysis.report import diagnosis_words
+from shockrig.analysis.report.characterize_page import input_section
 from shockrig.analysis.report.crossing import Crossing, crossing_figure
 from shockrig.analysis.report.diagnosis_view import ChannelView
 from shockrig.analysis.report.diagnosis_words import (
@@ -79,10 +80,7 @@ def write_diagnosis(
 
     `decisions` is the campaign's log of them.
     """
-    sections = []
-    if diagnosis.input_findings:
-        warnings = [Text(sentence, "warning") for sentence in diagnosis.input_findings]
-        sections.append(Section("What looks wrong with the input", warnings))
+    sections = input_section(diagnosis.input_findings)
     for view in views:
         sections.append(Section(f"{sensor_of(view.found).capitalize()}: {view.found.verdict}", _channel(view)))
     sections.append(Section(f"What it means for {_numbers(views)}", _material(views)))

@@ -21,6 +21,7 @@ from shockrig.analysis.checks.signals import look
 from shockrig.files.campaign import Campaign, Run, RunAir, Trace, read_campaign
 from shockrig.files.errors import InputError
 from shockrig.files.misspelt import CAMPAIGN_KEYS, misspelt
+from shockrig.protocols.cli import main
 from shockrig.rig.virtual.hide import draw_hidden
 from shockrig.rig.virtual.plans import wide_plan
 
@@ -102,6 +103,28 @@ def test_a_key_that_is_nearly_another_is_said_with_the_runs_that_have_it(pairs, 
 def test_a_slip_in_what_is_said_of_the_sensors_is_told(sensors, beside, said):
     """Before: a sensor's name, a second probe's keys and a key one level off were ignored without a word."""
     assert list(misspelt({"name": "c", "sensors": sensors} | beside, CAMPAIGN_KEYS)) == [said]
+
+
+def test_a_plan_that_is_not_done_is_said_once(pairs, tmp_path, capsys):
+    """What is wrong with the input had been said as progress and then with the result; of a part nothing was said."""
+    folder = shutil.copytree(pairs[0], tmp_path / "c")
+    head = json.loads((folder / "campaign.json").read_text())
+    names = sorted(path.name for path in (folder / "runs").iterdir())
+    head |= {"plan": [{"id": name} for name in names], "operater": "A. Uthor"}
+    (folder / "campaign.json").write_text(json.dumps(head))
+    assert [one.kind for one in check_campaign(read_campaign(folder))] == ["misspelt_key"]
+    for name in names[5:]:
+        shutil.rmtree(folder / "runs" / name)
+    for command in ("characterize", "certify"):
+        assert main([command, str(folder), "--out", str(tmp_path / command)]) == 0
+        said = "".join(capsys.readouterr())
+        missing = len(names) - 5
+        assert (
+            said.count(f"Of the plan {missing} of {len(names)} runs ({', '.join(names[5:8])}, ...) are not there") == 1
+        )
+        assert said.count("key operater: is operator meant?") == 1
+    assert "What looks wrong with the input" in (tmp_path / "characterize" / "report.html").read_text()
+    assert "or was interrupted" in (tmp_path / "certify" / "certificate.html").read_text()
 
 
 def test_what_is_right_is_left_alone(pairs):
