@@ -51,6 +51,13 @@ def probes_of(names: Iterable[str]) -> tuple[str, ...]:
     return tuple(sorted(found, key=lambda probe: (probe != FIRST_PROBE, len(probe), probe)))
 
 
+def serial_numbers(sensors: Mapping[str, object], emulated: bool) -> dict[str, str]:
+    """Of each sensor in campaign.json that has one. Emulated ones that are called "virtual..." have none: simulated
+    campaigns and earlier versions call all of them so."""
+    stated = {name: str(one.get("serial") or "") for name, one in sensors.items() if isinstance(one, Mapping)}
+    return {name: one for name, one in stated.items() if one and not (emulated and one.startswith("virtual"))}
+
+
 def is_run_id(text: object) -> bool:
     """Whether a text can be a run's id: a plain name, which becomes a folder's and a word of reports."""
     return (

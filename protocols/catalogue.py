@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from shockrig.files.campaign_names import serial_numbers
 from shockrig.files.disk import real_path
 from shockrig.files.errors import InputError
 from shockrig.files.headline import LUMPED, NEAREST_C, first_order
@@ -76,13 +77,8 @@ def walk(folder: Path, troubles: list[str]) -> Iterator[Path]:
 
 def _entry(path: Path) -> Entry:
     head = read_head(path)
-    sensors = head.get("sensors")
-    serials = {
-        name: str(sensor["serial"])
-        for name, sensor in (sensors if isinstance(sensors, dict) else {}).items()
-        if isinstance(sensor, dict) and sensor.get("serial")
-    }
-    state = read_state(path)
+    state, sensors = read_state(path), head.get("sensors")
+    serials = serial_numbers(sensors if isinstance(sensors, dict) else {}, state.emulated)
     began_at = ""
     if state.recorded:
         first = read_json(path / "runs" / state.recorded[0] / "run.json", None, "fix or restore the file")
@@ -123,8 +119,8 @@ def changes(entries: list[Entry]) -> list[str]:
         last: dict[str, tuple[Entry, str, float, float]] = {}
         found = [(entry, one) for entry in entries for one in entry.profiles.values()]
         for entry, one in found:
-            stated = one.sensors.get(sensor)  # of the profile's own probe, where several were recorded at once
-            serial = (stated.get("serial") if isinstance(stated, dict) else None) or entry.serials.get(sensor)
+            # of the profile's own probe, where several were recorded at once
+            serial = (entry.serials | serial_numbers(one.sensors, entry.state.emulated)).get(sensor)
             rate = _rate(one, channel)
             if not serial or rate is None or (serial in last and last[serial][0] is entry):
                 continue

@@ -16,7 +16,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from shockrig.files.campaign_names import FIRST_PROBE, probes_of, sensor_and_probe, sensor_name
+from shockrig.files.campaign_names import FIRST_PROBE, probes_of, sensor_name
 from shockrig.files.disk import read_text
 from shockrig.files.errors import InputError
 from shockrig.rig.bench_errors import BenchError, ConnectionFault, ConnectionFaults, RigError
@@ -280,9 +280,13 @@ def _build(name: str, part: InstrumentPart, parts: _Parts, config: BenchConfig) 
 
 
 def _described(name: str, part: InstrumentPart, parts: _Parts, config: BenchConfig, truth: Any) -> dict[str, Any]:
-    """The campaign's entry of a sensor; an emulated one has the lengths that its truth is quoted for."""
+    """The campaign's entry of a sensor; an emulated one has the lengths that its truth is quoted for, and where none is
+    stated a serial number that tells it from those of another truth."""
     entry = parts.sensors[name].describe()
     if truth is not None and config.is_virtual(config.sensors.get(getattr(part.settings, "through", ""), part)):
+        from shockrig.rig.virtual.truth import serial_number
+
+        entry["serial"] = entry.get("serial") or serial_number(truth, name)
         for length in ("bead_radius_m", "film_thickness_m"):
             if length in entry:
                 entry[length] = getattr(truth, length)
@@ -367,27 +371,14 @@ def carrying(config: BenchConfig, probes: int) -> BenchConfig:
     names = [FIRST_PROBE, *(str(k) for k in range(2, probes + 1))]
     parts = [(name, probe, part) for probe in names for name, part in config.sensors.items()]
     sensors = {
-        sensor_name(name, probe): _called(part, f"{part.settings.serial}-{probe}")
+        sensor_name(name, probe): replace(
+            part, settings=replace(part.settings, serial=f"{part.settings.serial}-{probe}")
+        )
         if part.settings.serial and probe != FIRST_PROBE
         else part
         for name, probe, part in parts
     }
     return replace(config, sensors=sensors)
-
-
-def of_one_type(config: BenchConfig, truth: Any) -> BenchConfig:
-    """The bench with serial numbers of the sensors that a truth of a type has."""
-    from shockrig.rig.virtual.truth import serial_number
-
-    sensors = {
-        name: _called(part, serial_number(truth, *place)) if (place := sensor_and_probe(name)) else part
-        for name, part in config.sensors.items()
-    }
-    return replace(config, sensors=sensors)
-
-
-def _called(part: InstrumentPart, serial: str) -> InstrumentPart:
-    return replace(part, settings=replace(part.settings, serial=serial))
 
 
 def default_bench(seed: int = 0, clock: str = "virtual") -> BenchConfig:

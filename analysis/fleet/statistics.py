@@ -21,13 +21,12 @@ from shockrig.analysis.characterize.result import ChannelResult, Characterizatio
 from shockrig.analysis.estimate.noise import Noise
 from shockrig.analysis.estimate.quantity import RunEffect
 from shockrig.analysis.fleet.scatter import scatter_cost
-from shockrig.files.campaign import Campaign
+from shockrig.files.campaign_names import serial_numbers
 from shockrig.files.causes import StatedEffect
 from shockrig.files.fleet_file import ALPHA, SENSOR_OF, Coordinate, D
 
 Array = NDArray[np.float64]
 
-NO_SERIAL = "virtual"  # how the virtual bench calls all of its sensors, but for those of a type
 LEAST_VARIANCE = 1e-12  # of a logarithm: a millionth
 
 
@@ -153,6 +152,7 @@ class CampaignStatistics:
 def statistics_of(result: Characterization, fingerprint: str) -> CampaignStatistics:
     """What a fleet needs of a characterization."""
     campaign = result.campaign
+    serials = serial_numbers(campaign.sensors, campaign.emulated)
     return CampaignStatistics(
         name=campaign.name,
         path=str(campaign.path),
@@ -160,23 +160,12 @@ def statistics_of(result: Characterization, fingerprint: str) -> CampaignStatist
         fingerprint=fingerprint,
         began_at=began_at(campaign),
         bench=bench_of(campaign),
-        serials=_serials(campaign),
+        serials={channel: serials[name] for channel, name in SENSOR_OF.items() if name in serials},
         channels={str(name): _channel(found) for name, found in result.channels().items()},
         missing={str(name): reason for name, reason in result.missing.items()},
         emulated=campaign.emulated,
         scatter_cost=scatter_cost(result),
     )
-
-
-def _serials(campaign: Campaign) -> dict[str, str]:
-    """Serial number of each channel's sensor, where it has one of its own."""
-    found = {}
-    for channel, name in SENSOR_OF.items():
-        sensor: Mapping[str, Any] = campaign.sensors.get(name) or {}
-        serial = str(sensor.get("serial") or "")
-        if serial and not (campaign.emulated and serial.startswith(NO_SERIAL)):
-            found[channel] = serial
-    return found
 
 
 def _channel(found: ChannelResult) -> ChannelStatistics:

@@ -139,6 +139,7 @@ def _charts(campaigns: Sequence[Campaign], args: argparse.Namespace, say: Any) -
     from shockrig.analysis.characterize.characterize import characterize
     from shockrig.analysis.characterize.history import began_at, bench_of, chart, observed
     from shockrig.analysis.characterize.part_fit import read_extension
+    from shockrig.files.campaign_names import serial_numbers
     from shockrig.files.errors import InputError
     from shockrig.protocols.time_left import TimeLeft
 
@@ -146,7 +147,7 @@ def _charts(campaigns: Sequence[Campaign], args: argparse.Namespace, say: Any) -
     names = called(campaigns)
     series: dict[tuple[str, str, str], list[Observation]] = {}
     clock = TimeLeft()
-    serials_of = [_serials(campaign) for campaign in campaigns]
+    serials_of = [serial_numbers(campaign.sensors, campaign.emulated) for campaign in campaigns]
     of_path: dict[Path, set[str]] = {}
     for campaign, serials in zip(campaigns, serials_of, strict=True):
         of_path.setdefault(campaign.path, set()).update(serials.values())
@@ -177,14 +178,6 @@ def _charts(campaigns: Sequence[Campaign], args: argparse.Namespace, say: Any) -
             one = observed(budget, names[campaign.path, campaign.probe], began_at(campaign), bench_of(campaign))
             series.setdefault((figure, serial, budget.unit), []).append(one)
     return [chart(*key, observations) for key, observations in series.items()]
-
-
-def _serials(campaign: Campaign) -> dict[str, str]:
-    return {
-        name: str(sensor["serial"])
-        for name, sensor in campaign.sensors.items()
-        if isinstance(sensor, dict) and sensor.get("serial")
-    }
 
 
 def _document(charts: Sequence[Chart], provenance: dict[str, Any]) -> dict[str, Any]:

@@ -211,7 +211,7 @@ def _emulated(args: argparse.Namespace, config: Any) -> tuple[Any, _Sealed]:
 
     from shockrig.files.campaign_names import probes_of
     from shockrig.files.disk import is_there, real_path
-    from shockrig.rig.bench import of_one_type, open_bench
+    from shockrig.rig.bench import open_bench
     from shockrig.rig.bench_errors import BenchError
     from shockrig.rig.bench_file import LARGEST_SEED
     from shockrig.rig.virtual.hide import COMFORTABLE, draw_hidden
@@ -250,8 +250,6 @@ def _emulated(args: argparse.Namespace, config: Any) -> tuple[Any, _Sealed]:
     # A campaign that goes on must not replay the noise that it began with.
     noise_seed = (seed + 1_000_003 * recorded) % (LARGEST_SEED + 1)
     config = replace(config, virtual=replace(config.virtual, seed=noise_seed))
-    if truth is not None and truth.type_spread:
-        config = of_one_type(config, truth)
     for probe in {} if truth is None else {hidden.probe for hidden in truth.effects} - {"", *probes_of(config.sensors)}:
         raise BenchError(f"--hide: there is no probe {probe}; the bench has {', '.join(probes_of(config.sensors))}")
     bench = open_bench(config, truth=truth)

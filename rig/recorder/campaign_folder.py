@@ -344,7 +344,7 @@ def _is_longer(path: Path, content: dict[str, Any], continues: int) -> bool:
         raise BenchError(
             f"{file}: was recorded on the bench {there.get('bench')!r}, and this one has {here}; name that bench"
         )
-    if there.get("sensors") != content["sensors"]:
+    if _numberless(there.get("sensors"), content) != _numberless(content["sensors"], content):
         raise BenchError(f"{file}: was recorded with other sensors than this bench has; give another --out")
     before = there["plan"]
     plan = _joined(before, content["plan"], continues)
@@ -359,6 +359,13 @@ def _is_longer(path: Path, content: dict[str, Any], continues: int) -> bool:
         if key in there:
             content[key] = there[key]
     return len(plan) > len(before)
+
+
+def _numberless(sensors: Any, content: Mapping[str, Any]) -> Any:
+    """A campaign's sensors; emulated ones without serial numbers, which come from what is sealed and not yet open."""
+    if not (content["emulated"] and isinstance(sensors, dict)):
+        return sensors
+    return {name: one | {"serial": None} if isinstance(one, dict) else one for name, one in sensors.items()}
 
 
 def _has_a_record(folder: Path) -> bool:

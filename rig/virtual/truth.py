@@ -236,10 +236,14 @@ def of_type(fleet_seed: int, seed: int, tier: str = SMOOTH, spread: float = TYPE
     return _moved(first, _from_type(first, FIRST_PROBE))
 
 
-def serial_number(truth: Truth, sensor: str, probe: str) -> str:
-    """Of a probe's sensor ("imet" or "hyt"), where they are of a type: it tells sensors apart and says nothing else."""
+EMULATED_SERIAL = r"[BF][0-9a-f]{6}-\w+"  # as `serial_number` makes them
+
+
+def serial_number(truth: Truth, name: str) -> str:
+    """Of a sensor ("imet", "hyt-2") of a bench of which this is true: it tells sensors apart and says nothing else."""
+    sensor, _, probe = name.partition("-")
     digest = hashlib.sha256(str(truth.probe_seed).encode()).hexdigest()
-    return f"{'B' if sensor == 'imet' else 'F'}{digest[:6]}-{probe}"
+    return f"{'B' if sensor == 'imet' else 'F'}{digest[:6]}-{probe or FIRST_PROBE}"
 
 
 def _from_type(truth: Truth, probe: str) -> np.ndarray:

@@ -14,6 +14,7 @@ from shockrig.analysis.characterize.characterize import characterize
 from shockrig.analysis.characterize.history import FALSE_ALARMS, Observation, chart
 from shockrig.analysis.report.certificate_page import steady
 from shockrig.files.campaign import read_campaign
+from shockrig.files.campaign_names import serial_numbers
 from shockrig.protocols.cli import main
 from shockrig.protocols.commands.history import called
 from shockrig.rig.virtual.batch import simulate_campaign
@@ -105,6 +106,9 @@ def shelf(tmp_path_factory):
             content = json.loads(file.read_text())
             content["started_at"] = content["started_at"].replace("2026-05", f"2026-0{i + 1}")
             file.write_text(json.dumps(content))
+        head = json.loads((path / "campaign.json").read_text())
+        head["sensors"] = {name: sensor | {"serial": "V7"} for name, sensor in head["sensors"].items()}
+        (path / "campaign.json").write_text(json.dumps(head))
     return folder, truth
 
 
@@ -128,9 +132,9 @@ def test_the_command_says_what_changed_and_since_when(shelf, tmp_path, capsys):
     folder, _ = shelf
     assert main(["history", str(folder), "--out", str(tmp_path / "out")]) == 0
     said = capsys.readouterr().out
-    assert "D(20 °C) of virtual has changed by" in said
+    assert "D(20 °C) of V7 has changed by" in said
     assert "since c3 (2026-04-01); c2 (2026-03-01) was the last before." in said
-    assert "alpha of virtual: (" in said
+    assert "alpha of V7: (" in said
     assert "in 4 campaigns; nothing has changed beyond its uncertainty." in said
     content = json.loads((tmp_path / "out" / "history.json").read_text())
     changed = {one["figure"]: one["changes"] for one in content["charts"]}
@@ -177,10 +181,24 @@ def test_a_sensor_that_was_recorded_beside_another_has_that_campaign_in_its_hist
     head["sensors"] |= {f"{name}-2": sensor for name, sensor in head["sensors"].items()}
     head["sensors"] |= {name: head["sensors"][name] | {"serial": "beside"} for name in ("imet", "hyt")}
     (both / "campaign.json").write_text(json.dumps(head))
-    assert main(["history", str(both), str(folder / "c1"), "--serial", "virtual"]) == 0
+    assert main(["history", str(both), str(folder / "c1"), "--serial", "V7"]) == 0
     said = capsys.readouterr()
-    assert "alpha of virtual: (" in said.out and "in 2 campaigns; nothing has changed" in said.out
+    assert "alpha of V7: (" in said.out and "in 2 campaigns; nothing has changed" in said.out
     assert "probe 2" in said.out and "left out" not in said.err
+
+
+def test_emulated_sensors_that_are_all_called_alike_are_not_one_sensor(shelf, tmp_path, capsys):
+    """Two seeds had been one sensor, whose film had "changed"."""
+    called = {"imet": "virtual-bead", "hyt": "virtual-film"}
+    for name in ("c0", "c1"):
+        head = json.loads((shutil.copytree(shelf[0] / name, tmp_path / name) / "campaign.json").read_text())
+        head["sensors"] = {sensor: head["sensors"][sensor] | {"serial": serial} for sensor, serial in called.items()}
+        (tmp_path / name / "campaign.json").write_text(json.dumps(head))
+    assert main(["history", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.count("no serial number; left out") == 2
+    assert main(["list", str(tmp_path)]) == 0
+    assert "virtual-bead" not in capsys.readouterr().out
+    assert serial_numbers(head["sensors"], emulated=False) == called
 
 
 @pytest.mark.parametrize(

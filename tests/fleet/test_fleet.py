@@ -29,6 +29,7 @@ from shockrig.analysis.fleet.statistics import statistics_of
 from shockrig.analysis.fleet.whose import DiagnosedProbe, causes_of, judged_causes
 from shockrig.analysis.report.fleet_page import cause_sentence, write_fleet_page
 from shockrig.files import diagnosis
+from shockrig.files.campaign_names import sensor_name
 from shockrig.files.causes import StatedEffect, Uncertain
 from shockrig.files.errors import InputError
 from shockrig.files.fleet_file import BENCH, SENSOR, TYPE, RunScatter, design, fleet_document, read_fleet
@@ -675,7 +676,7 @@ def test_the_virtual_bench_makes_fleets(tmp_path, capsys):
         first = open_seal(tmp_path / "f" / f"{name}.sealed")[0]
         for probe in probes:
             truth = of_probe(first, probe)
-            truths[serial_number(truth, "imet", probe)] = truth
+            truths[serial_number(truth, sensor_name("imet", probe))] = truth
     assert len(truths) == len({truth.thermal_diffusivity_m2_s for truth in truths.values()}) == len(fleet.sensors) == 4
     for sensor in fleet.sensors:
         own = sensor.channels["temperature"].figures[0].own

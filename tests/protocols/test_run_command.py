@@ -54,6 +54,15 @@ def rows(path):
     return [dict(zip(names, map(float, line), strict=True)) for line in lines]
 
 
+def test_emulated_sensors_of_two_seeds_are_two(tiny, tmp_path):
+    """`list` and `history` had made one history of all sensors of the virtual bench."""
+    for name, seed in (("a", 1), ("b", 2), ("c", 1)):
+        assert run(tiny, "--seed", seed, "--probes", 2, "--out", tmp_path / name) == 0
+    sensors = [json.loads((tmp_path / name / "campaign.json").read_text())["sensors"] for name in "abc"]
+    assert sensors[0] == sensors[2]
+    assert len({sensor["serial"] for one in sensors for sensor in one.values()}) == 8
+
+
 def check_schema(name, path):
     schema = json.loads((resources.files("shockrig.data") / "schemas" / f"{name}.json").read_text())
     jsonschema.Draft202012Validator.check_schema(schema)

@@ -146,9 +146,9 @@ def test_a_missing_bench_file_is_refused(tmp_path):
 
 def test_lines_of_a_firmware_that_the_tables_do_not_know(tmp_path):
     path = tmp_path / "b.toml"
-    path.write_text(VIRTUAL.replace('serial = "virtual-bead"', 'lines = { "7" = ["temperature_c/100", "note:text"] }'))
+    path.write_text(VIRTUAL.replace('"imet-xf"', '"imet-xf"\nlines = { "7" = ["temperature_c/100", "note:text"] }'))
     assert load_bench(path).sensors["imet"].settings.lines["7"] == ["temperature_c/100", "note:text"]
-    path.write_text(VIRTUAL.replace('serial = "virtual-bead"', 'lines = { "7" = ["temperature_c/x"] }'))
+    path.write_text(VIRTUAL.replace('"imet-xf"', '"imet-xf"\nlines = { "7" = ["temperature_c/x"] }'))
     with pytest.raises(BenchError, match="imet: line '7'"):
         open_bench(load_bench(path))
 

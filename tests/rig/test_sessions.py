@@ -31,7 +31,7 @@ def record(tmp_path, *arguments):
 
 
 def test_a_session_says_who_with_what_and_where(tmp_path):
-    calibrated = ('serial = "virtual-film"', 'serial = "virtual-film"\ncertificate = "K-17"\ncalibrated = 2026-04-01')
+    calibrated = ('kind = "hyt-271"', 'kind = "hyt-271"\ncertificate = "K-17"\ncalibrated = 2026-04-01')
     assert record(tmp_path, "--bench", bench(tmp_path, calibrated), "--operator", "A. Uthor", "--seed", "1") == 0
     (session,) = head(tmp_path)["sessions"]
     assert session["operator"] == "A. Uthor" and session["software"].startswith("shockrig ")
@@ -62,7 +62,7 @@ def test_a_campaign_that_goes_on_keeps_both_and_says_what_is_another(tmp_path, c
 @pytest.mark.parametrize(
     ("part", "old", "new"),
     [
-        ("imet", 'serial = "virtual-bead"', "latency_s = 0.016"),
+        ("imet", 'kind = "imet-xf"', "latency_s = 0.016"),
         ("hyt", "conversion_s = 0.07", "sampled_after_s = 0.02"),
     ],
 )
