@@ -111,7 +111,7 @@ class Certificate:
     kinds : mapping
         Likewise -> kind.
     began_on, ended_on, issued_on : str
-        Dates (ISO 8601) of the first and the last run, and of the certificate.
+        Dates (ISO 8601) of the first and the last run, empty where they are not known, and of the certificate.
     figures : tuple of CertifiedFigure
     common : CommonUncertainty
         What was taken for the errors that all runs share; `by_default` says which nobody stated.
@@ -179,8 +179,7 @@ def certificate_document(certificate: Certificate) -> dict[str, Any]:
             name: known(kind=certificate.kinds.get(name), serial=certificate.serials.get(name))
             for name in dict.fromkeys((*certificate.kinds, *certificate.serials))
         },
-        "runs_from": certificate.began_on,
-        "runs_until": certificate.ended_on,
+        **known(runs_from=certificate.began_on or None, runs_until=certificate.ended_on or None),
         "issued_on": certificate.issued_on,
         "coverage_probability": COVERAGE_PROBABILITY,
         "figures": [

@@ -69,8 +69,9 @@ def _administrative(root: ET.Element, certificate: Certificate) -> None:
     _add(core, "usedLangCodeISO639_1", "en")
     _add(core, "mandatoryLangCodeISO639_1", "en")
     _add(core, "uniqueIdentifier", certificate.identifier)
-    _add(core, "beginPerformanceDate", certificate.began_on)
-    _add(core, "endPerformanceDate", certificate.ended_on)
+    # the schema wants days: where those of the runs are not known it is the certificate's, and a note says so
+    _add(core, "beginPerformanceDate", certificate.began_on or certificate.issued_on)
+    _add(core, "endPerformanceDate", certificate.ended_on or certificate.issued_on)
     _add(core, "performanceLocation", "other")
     _add(core, "issueDate", certificate.issued_on)
     items = _add(part, "items")

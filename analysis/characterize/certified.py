@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import uuid
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
-from datetime import date
+from datetime import date, timedelta
 from typing import Any
 
 from shockrig.analysis.characterize.budget import Budget, budgets
@@ -14,7 +15,7 @@ from shockrig.analysis.characterize.response_times import ResponseAir
 from shockrig.analysis.characterize.result import Characterization
 from shockrig.analysis.estimate.quantity import QUANTITIES
 from shockrig.files.campaign import Campaign
-from shockrig.files.campaign_names import sensor_and_probe
+from shockrig.files.campaign_names import sensor_and_probe, time_of_day
 from shockrig.files.certificate import (
     BudgetLine,
     Certificate,
@@ -75,21 +76,21 @@ def certified(
     ]
     figures = tuple(_figure(one) for one in figured if one.determined)
     lacking = _not_determined([one for one in figured if not one.determined])
-    began_on, ended_on = _dates(campaign, issued_on)
+    dates = _dates(campaign)
     sensors = {name: campaign.sensors.get(name, {}) for name in SENSORS}
     made = Certificate(
         identifier="",
         campaign=campaign.name,
         serials={name: str(one["serial"]) for name, one in sensors.items() if one.get("serial")},
         kinds={name: str(one["kind"]) for name, one in sensors.items() if one.get("kind")},
-        began_on=began_on,
-        ended_on=ended_on,
+        began_on=min(dates, default=""),
+        ended_on=max(dates, default=""),
         issued_on=issued_on,
         figures=figures,
         common=campaign.common,
         traced=tuple(traced),
         undescribed=tuple(one.channel.sensor for one in result.channels().values() if not one.explained),
-        notes=(*_notes(result), *lacking),
+        notes=(*_notes(result), *_notes_on_dates(campaign, dates, issued_on), *lacking),
         provenance=provenance or {},
         **named,
     )
@@ -156,14 +157,25 @@ def _not_determined(budgets: Sequence[Budget]) -> list[str]:
     return [f"No {', '.join(figures)} of {why}." for why, figures in lacking.items()]
 
 
-def _dates(campaign: Campaign, otherwise: str) -> tuple[str, str]:
+def _dates(campaign: Campaign) -> list[str]:
+    """The days of its runs (ISO 8601), as far as they are known."""
     found = []
     for run in campaign.runs:
-        try:
-            found.append(date.fromisoformat(str(run.started_at)[:10]).isoformat())
-        except ValueError:
-            continue
-    return (min(found), max(found)) if found else (otherwise, otherwise)
+        with suppress(ValueError):
+            found.append(date.fromisoformat(time_of_day(run.started_at)[:10]).isoformat())
+    return found
+
+
+def _notes_on_dates(campaign: Campaign, dates: Sequence[str], issued_on: str) -> list[str]:
+    """Where a date is not known, or a clock's that was wrong."""
+    if not dates:
+        return ["Nobody recorded when the runs were made, or by a clock that was not set."]
+    last = max(dates)
+    if date.fromisoformat(last) - date.fromisoformat(issued_on) > timedelta(days=1):
+        return [f"The last run is dated {last}, later than this certificate: one of the two clocks was wrong."]
+    if any(session.get("clock_synchronised") is False for session in campaign.sessions):
+        return ["The clock of the computer that recorded was not synchronised: the days of the runs are by its own."]
+    return []
 
 
 def _notes(result: Characterization) -> list[str]:

@@ -94,7 +94,7 @@ def write_certificate_page(certificate: Certificate, folder: Path) -> Path:
         provenance={
             **({"data": data} if data else {}),
             **_sensors(certificate),
-            "recorded": f"{certificate.began_on} to {certificate.ended_on}",
+            "recorded": f"{certificate.began_on} to {certificate.ended_on}" if certificate.began_on else NOT_RECORDED,
             "issued": certificate.issued_on,
             "laboratory": certificate.laboratory,
             "responsible": certificate.person,

@@ -24,10 +24,12 @@ from shockrig.analysis.characterize.response_times import ResponseAir
 from shockrig.analysis.effects import structure_of
 from shockrig.analysis.report.certificate_page import write_certificate_page
 from shockrig.files.campaign import read_campaign
-from shockrig.files.certificate import NOT_TRACEABLE, Traced
+from shockrig.files.certificate import NOT_TRACEABLE, Traced, certificate_document
 from shockrig.files.common_uncertainty import NOTHING_COMMON, ORDINARY_LABORATORY, CommonUncertainty
 from shockrig.files.dcc import dcc_text
-from shockrig.protocols.cli import main
+from shockrig.files.errors import InputError
+from shockrig.protocols.cli import build_parser, main
+from shockrig.protocols.commands import certify
 from shockrig.rig.virtual.hide import draw_effect
 
 SCHEMA = Path(__file__).parents[1] / "dcc_schemas" / "dcc_used.xsd"
@@ -250,6 +252,32 @@ def test_pydcc_reads_it_back_number_for_number(certificate, monkeypatch):
         assert float(expanded["valueExpandedMU"]) == figure.expanded_uncertainty
         assert float(expanded["coverageFactor"]) == figure.coverage_factor
         assert float(expanded["coverageProbability"]) == 0.9545
+
+
+def test_the_days_of_a_wrong_clock_are_said_and_not_certified(result, certificate):
+    """A computer without a battery begins at 1970-01-01."""
+
+    def dated(begins, issued_on="2026-06-01", **session):
+        runs = tuple(replace(run, started_at=begins) for run in result.campaign.runs)
+        recorded = replace(result.campaign, runs=runs, sessions=(session,))
+        return certified(replace(result, campaign=recorded), ResponseAir(), issued_on)
+
+    for begins in (None, "1970-01-01T00:03:10.000Z"):
+        made = dated(begins)
+        assert made.began_on == made.ended_on == "" and "runs_from" not in certificate_document(made)
+        assert "Nobody recorded when the runs were made, or by a clock that was not set." in made.notes
+        validated(dcc_text(made))
+    (note,) = set(dated("2026-06-03T00:03:10.000Z").notes) - set(certificate.notes)
+    assert "The last run is dated 2026-06-03, later than this certificate" in note
+    (note,) = set(dated("2026-05-03T00:03:10.000Z", clock_synchronised=False).notes) - set(certificate.notes)
+    assert "was not synchronised" in note
+
+
+def test_no_certificate_is_dated_by_a_clock_that_was_not_set(campaign, tmp_path):
+    args = build_parser("certify").parse_args(["certify", str(campaign.path), "--out", str(tmp_path / "out")])
+    with pytest.raises(InputError, match="this computer's clock says 1970-01-01, .*: set the clock"):
+        certify.write(args, args.out, None, "1970-01-01T00:00:40Z", "1")
+    assert not args.out.exists()
 
 
 def test_what_nobody_states_is_an_ordinary_laboratorys_and_emulated_references_have_no_error(campaign):
