@@ -6,17 +6,19 @@ that is not at work and has no such look-alike is `wrong`. Errors are in units o
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from shockrig.files.campaign_names import FIRST_PROBE
-from shockrig.files.diagnosis import REMEDY, StatedChannel, diagnosis_from_document, read_diagnosis
+from shockrig.files.campaign_names import FIRST_PROBE, sensor_name, serial_numbers
+from shockrig.files.diagnosis import REMEDY, StatedChannel, StatedDiagnosis, diagnosis_from_document, read_diagnosis
 from shockrig.files.errors import InputError
+from shockrig.protocols.made_before import KEY
 from shockrig.rig.virtual.effects import OUTSIDE
 from shockrig.rig.virtual.hide import open_seal
-from shockrig.rig.virtual.truth import Truth, of_probe
+from shockrig.rig.virtual.truth import EMULATED_SERIAL, Truth, of_probe, serial_number
 
 
 @dataclass(frozen=True)
@@ -75,14 +77,32 @@ class RevealScore:
 def score(sealed: Path, diagnosis: Path | Mapping[str, Any], probe: str = FIRST_PROBE) -> RevealScore:
     """Score a diagnosis (diagnosis.json's path or content) of a probe against a sealed truth.
 
-    Raises InputError where the diagnosis cannot be read, BenchError where the seal cannot.
+    Raises InputError where the diagnosis cannot be read or is of other sensors, BenchError where the seal cannot be.
     """
     truth, seed = open_seal(Path(sealed))
-    truth = of_probe(truth, probe)
     stated = diagnosis_from_document(dict(diagnosis)) if isinstance(diagnosis, Mapping) else read_diagnosis(diagnosis)
     where = "diagnosis" if isinstance(diagnosis, Mapping) else str(diagnosis)
+    _demand_these_sensors(truth, stated, probe, sealed, where)
+    truth = of_probe(truth, probe)
     judged = {name: _score_channel(truth, name, channel, where) for name, channel in stated.channels.items()}
     return RevealScore(truth, seed, judged)
+
+
+def _demand_these_sensors(truth: Truth, stated: StatedDiagnosis, probe: str, sealed: Path, where: str) -> None:
+    """Raise InputError for a diagnosis of another probe, or of emulated sensors that another seal belongs to, as far as
+    it says what it is of."""
+    made, sensors = (one if isinstance(one := stated.extra.get(key), dict) else {} for key in (KEY, "sensors"))
+    if (its := made.get("probe", probe)) != probe:
+        raise InputError(
+            f"{where}: is a diagnosis of probe {its}; give --probe {its}, or the diagnosis of probe {probe}"
+        )
+    for name, serial in serial_numbers(sensors, emulated=True).items():
+        own = serial_number(truth, sensor_name(name, probe))
+        if re.fullmatch(EMULATED_SERIAL, serial) and serial != own:
+            raise InputError(
+                f"{where}: is a diagnosis of {name} {serial}, and {sealed} is the truth of {own}; give what belongs "
+                "together"
+            )
 
 
 def _score_channel(truth: Truth, channel: str, found: StatedChannel, where: str) -> ChannelScore:

@@ -136,7 +136,7 @@ def write(
         names = [name for name in CHANNELS if name in compared]
         diagnosis = gathered(input_, [compared[name].found for name in names])
         said = stated(diagnosis)
-        rests_on = {KEY: made_from(input_.campaign, tolerance or Tolerance())}
+        rests_on = {"sensors": input_.campaign.sensors, KEY: made_from(input_.campaign, tolerance or Tolerance())}
         write_document(replace(said, extra={**said.extra, **rests_on}), folder / "diagnosis.json")
         provenance: dict[str, Any] = {
             "campaign_path": str(campaign),

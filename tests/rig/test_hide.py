@@ -1,6 +1,7 @@
 """Blind trials: draws stay in their ranges, seals keep and refuse, and scores say what happened."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from shockrig.protocols.reveal import score, table
 from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.virtual.effects import CATALOGUED, KINDS, OUTSIDE
 from shockrig.rig.virtual.hide import DRAWS, draw_effect, draw_hidden, open_seal, seal
-from shockrig.rig.virtual.truth import Hidden, draw_truth, with_effects
+from shockrig.rig.virtual.truth import Hidden, draw_truth, serial_number, with_effects
 
 STEM = Hidden("stem_conduction", {"fraction": 0.04, "time_constant_s": 9.0})
 RAMP = Hidden("finite_transfer", {"duration_s": 0.4})
@@ -224,6 +225,18 @@ def test_a_diagnosis_of_other_things_is_named_by_its_key(tmp_path, capsys, chang
     assert cli.main(["reveal", str(path), "--diagnosis", str(found)]) == 2
     error = capsys.readouterr().err
     assert f"{found}: " in error and words in error and "give the diagnosis.json" in error and error.count("\n") == 1
+
+
+def test_a_diagnosis_of_other_sensors_is_not_scored(tmp_path, capsys):
+    path, truth = sealed(tmp_path, STEM)
+    found, content = tmp_path / "diagnosis.json", diagnosis(("explained", []), ("adequate", []))
+    own, other = (serial_number(one, "imet") for one in (truth, replace(truth, probe_seed=8)))
+    for serial, status in ((own, 0), ("virtual-bead", 0), ("X1", 0), (other, 2)):
+        found.write_text(json.dumps(content | {"sensors": {"imet": {"serial": serial}}, "made_from": {"probe": "1"}}))
+        assert cli.main(["reveal", str(path), "--diagnosis", str(found)]) == status
+    assert f"{found}: is a diagnosis of imet {other}, and {path} is the truth of {own}" in capsys.readouterr().err
+    assert cli.main(["reveal", str(path), "--diagnosis", str(found), "--probe", "2"]) == 2
+    assert "is a diagnosis of probe 1; give --probe 1" in capsys.readouterr().err
 
 
 def test_files_that_are_not_there_are_said_in_plain_words(tmp_path, capsys):
