@@ -28,6 +28,7 @@ from shockrig.files.certificate import (
 from shockrig.files.common_uncertainty import NOTHING_COMMON, ORDINARY_LABORATORY
 
 NAMESPACE = uuid.UUID("6f1c2f0e-6b3e-4c2b-9a52-6c1a0d9a7f11")  # of certificates' identifiers
+FEW_DEGREES = 100.0  # of freedom: of more the coverage factor is 2
 SENSORS = tuple(quantity.sensor for quantity in QUANTITIES.values())
 
 
@@ -150,9 +151,10 @@ def _not_determined(budgets: Sequence[Budget]) -> list[str]:
         standard = 100.0 * budget.standard_uncertainty / budget.value
         at = "" if budget.air.temperature_c is None else f" at {budget.air.temperature_c:.1f} °C"
         why = f"the {budget.channel} sensor{at}: the standard uncertainty would be {standard:.0f} %"
-        if budget.interval is None:
+        if budget.interval is None and budget.degrees < FEW_DEGREES:
             expanded = 100.0 * budget.expanded_uncertainty / budget.value
             why += f", expanded for {budget.degrees:.1f} degrees of freedom {expanded:.0f} %"
+        why += f" ({budget.lines[0].component} most of all)"
         lacking.setdefault(why, []).append(budget.figure)
     return [f"No {', '.join(figures)} of {why}." for why, figures in lacking.items()]
 

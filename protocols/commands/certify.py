@@ -136,6 +136,8 @@ def write(args: argparse.Namespace, out: Path, extend: Path | None, made_at: str
         if not certificate.figures:
             why = "; ".join(note.rstrip(".") for note in certificate.notes if note.startswith("No "))
             remedy = "record more runs, or run shockrig diagnose and certify with --extend"
+            if args.airflow is not None:
+                remedy = f"give an --airflow that is nearer to the runs', {remedy}"
             raise InputError(f"{args.campaign}: no figure to certify. {why}; {remedy}")
         say("certificate")
         write_certificate(certificate, folder)
@@ -146,6 +148,7 @@ def write(args: argparse.Namespace, out: Path, extend: Path | None, made_at: str
 
 def _air(args: argparse.Namespace) -> ResponseAir:
     from shockrig.analysis.characterize.response_times import ResponseAir
+    from shockrig.analysis.physics.air_exchange import LEAST_AIRFLOW_M_S
     from shockrig.files.errors import InputError
     from shockrig.files.ranges import RANGES
 
@@ -154,6 +157,9 @@ def _air(args: argparse.Namespace) -> ResponseAir:
         value = getattr(args, option)
         if value is not None and not RANGES[quantity].holds(value):
             raise InputError(f"--{option}: {RANGES[quantity].refusal(value)}; give what the figures are wanted for")
+    if args.airflow is not None and args.airflow < LEAST_AIRFLOW_M_S:
+        said = f"no response is known in air that stands still; expected {LEAST_AIRFLOW_M_S:g} m/s or more"
+        raise InputError(f"--airflow {args.airflow:g}: {said}")
     return ResponseAir(args.airflow, args.temperature, args.pressure)
 
 

@@ -327,12 +327,26 @@ def test_the_command_writes_every_form_and_says_what_was_taken_by_default(campai
     assert (out / "budget.png").stat().st_size > 10_000
 
 
+def test_an_airflow_for_which_nothing_is_known_is_named(tmp_path, capsys):
+    """It had been "215 %, expanded for 13103485941.3 degrees of freedom 431 %; record more runs"."""
+    assert main(["run", "quick", "--out", str(tmp_path / "c")]) == 0  # at 6 m/s alone
+    assert main(["certify", str(tmp_path / "c"), "--out", str(tmp_path / "out"), "--airflow", "0.05"]) == 2
+    said = capsys.readouterr().err
+    assert "degrees of freedom" not in said and "% (airflow other than the runs' most of all)" in said
+    assert said.endswith(
+        "; give an --airflow that is nearer to the runs', record more runs, or run shockrig diagnose and certify with "
+        "--extend\n"
+    )
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (["--traced", "PTB 123"], "--traced PTB 123: expected INSTRUMENT=CERTIFICATE"),
         (["--country", "Germany"], "--country Germany: expected two letters"),
         (["--airflow", "-3"], "--airflow: -3 cannot be"),
+        (["--airflow", "nan"], "--airflow: nan cannot be"),
+        (["--airflow", "0"], "--airflow 0: no response is known in air that stands still; expected 0.05 m/s or more"),
     ],
 )
 def test_bad_arguments_end_with_one_line(campaign, tmp_path, capsys, words, said):
