@@ -310,25 +310,25 @@ def bench_toml(found: Iterable[Found], name: str = "found by scan") -> str:
         f"name = {_quoted(name)}",
         "pressure_hpa = 1013.25 # SET: of the laboratory, on the day",
     ]
-    beads, through = 0, list[tuple[str, str]]()
+    beads, through = 0, list[tuple[int, str, str]]()  # a unit's film is of the probe that its bead is of
     for imet in imets:
         beads += 1
         unit = sensor_name("imet", str(beads))
+        through += [(beads, unit, "")] * imet.has_humidity
         lines += ["", f"[sensors.{unit}]"]
         lines += [f"kind = {_quoted(imet.kind)}", f"port = {_quoted(imet.port)}"]
         lines += [f"baud = {imet.baud}"] if imet.baud != IMET_BAUD else []
         lines += [_serial_line(imet.port)]
+        beads += bool(imet.second)
         if SECOND_BEAD in imet.second:
-            beads += 1
             lines += ["", f"[sensors.{sensor_name('imet', str(beads))}]"]
             lines += ['kind = "imet-bead" # the second bead of the unit', f"through = {_quoted(unit)}"]
-        for line in ("",) * imet.has_humidity + (SECOND_FILM,) * (SECOND_FILM in imet.second):
-            through.append((unit, line))
+        through += [(beads, unit, SECOND_FILM)] * (SECOND_FILM in imet.second)
     reference = films[beads or 1 :][:1]  # one film to a bead; what is left over is better kept
     for number, film in enumerate((film for film in films if film not in reference), start=1):
         lines += ["", f"[sensors.{sensor_name('hyt', str(number))}]", *_hyt_lines(film)]
         lines += ['# serial = "H00000" # SET: the chip tells none over its bus; choose one and write it on the sensor']
-    for number, (unit, line) in enumerate(() if films else through, start=1):
+    for number, unit, line in () if films else through:
         lines += ["", f"[sensors.{sensor_name('hyt', str(number))}]"]
         lines += ['kind = "imet-humidity" # the hygrometer that the iMet reads itself', f"through = {_quoted(unit)}"]
         lines += [f"line = {_quoted(line)} # the second one"] if line else []

@@ -285,6 +285,11 @@ def test_a_second_bead_and_film_of_a_unit_are_a_probe_of_their_own():
         "imet": "imet-xf", "imet-2": "imet-bead", "hyt": "imet-humidity", "hyt-2": "imet-humidity",
     }  # fmt: skip
     assert [sensors[name].settings.line for name in ("imet-2", "hyt", "hyt-2")] == ["13", "", "17"]
+    # Beside a unit without a hygrometer each other one keeps its own: it had gone to the probe before.
+    without = FoundImet("/dev/ttyUSB0", "imet-xf", 57600, 20.0, False)
+    several = check_bench(tomllib.loads(bench_toml([without, found, XF])), "found.toml").sensors
+    through = {name: (part.settings.through, part.settings.line) for name, part in several.items() if "hyt" in name}
+    assert through == {"hyt-2": ("imet-2", ""), "hyt-3": ("imet-2", "17"), "hyt-4": ("imet-4", "")}
     alone = check_bench(tomllib.loads(bench_toml([found, HYT])), "found.toml").sensors
     assert list(alone) == ["imet", "imet-2", "hyt"] and alone["hyt"].kind == "hyt-271"
 
