@@ -47,9 +47,9 @@ def main(args: argparse.Namespace) -> int:
     campaigns = _campaigns(args.folders, say)
     charts = _charts(campaigns, args, say)
     if not charts:
-        wanted = f" with the serial number {args.serial}" if args.serial else ""
+        wanted = f"the serial number {args.serial}" if args.serial else "two campaigns"
         raise InputError(
-            f"{args.folders[0]}: no sensor{wanted} that can be characterized; state serial in campaign.json"
+            f"{args.folders[0]}: no sensor with {wanted} that can be characterized; state serial in campaign.json"
         )
     for one in charts:
         print(f"{one.figure} of {one.serial}")
@@ -151,11 +151,14 @@ def _charts(campaigns: Sequence[Campaign], args: argparse.Namespace, say: Any) -
     of_path: dict[Path, set[str]] = {}
     for campaign, serials in zip(campaigns, serials_of, strict=True):
         of_path.setdefault(campaign.path, set()).update(serials.values())
+    times = Counter(serial for there in of_path.values() for serial in there)
+    looked_for = {args.serial} if args.serial else {serial for serial, count in times.items() if count > 1}
     for path, there in of_path.items():
-        if not there or args.serial not in {None, *there}:
-            say(f"{path}: {'another sensor' if there else 'no serial number'}; left out")
+        if not there & looked_for:
+            others = "another sensor" if args.serial else "the only campaign of its sensors"
+            say(f"{path}: {others if there else 'no serial number'}; left out")
     for number, (campaign, serials) in enumerate(zip(campaigns, serials_of, strict=True)):
-        wanted = {name for name, serial in serials.items() if args.serial in (None, serial)}
+        wanted = {name for name, serial in serials.items() if serial in looked_for}
         if not wanted:
             continue
         say(f"{campaign.path}: characterizing{clock.after(number / len(campaigns))}")

@@ -195,7 +195,11 @@ def test_emulated_sensors_that_are_all_called_alike_are_not_one_sensor(shelf, tm
         head["sensors"] = {sensor: head["sensors"][sensor] | {"serial": serial} for sensor, serial in called.items()}
         (tmp_path / name / "campaign.json").write_text(json.dumps(head))
     assert main(["history", str(tmp_path)]) == 2
-    assert capsys.readouterr().err.count("no serial number; left out") == 2
+    said = capsys.readouterr().err
+    assert said.count("no serial number; left out") == 2 and "no sensor with two campaigns" in said
+    # Without --serial, sensors of two campaigns are charted, as --help says: others were, with nothing to say of them.
+    assert main(["history", str(tmp_path), str(shelf[0] / "c2")]) == 2
+    assert "c2: the only campaign of its sensors; left out" in capsys.readouterr().err
     assert main(["list", str(tmp_path)]) == 0
     assert "virtual-bead" not in capsys.readouterr().out
     assert serial_numbers(head["sensors"], emulated=False) == called
