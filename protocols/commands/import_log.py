@@ -167,7 +167,7 @@ def _say_log(sensors: SensorLog, steps: Sequence[LogStep], left_out: Mapping[int
         print(f"  {one.number:3d}  {_when(sensors, one)}{why}")
         if not why:
             for move in one.step.moves:
-                print(f"         {said_of(move)}")
+                print(f"         {said_of(move, one.step.at_s)}")
 
 
 def _say_campaign(campaign: SensorCampaign, place: Path, first: int) -> None:

@@ -177,7 +177,7 @@ def t63_of(steps: Sequence[LogStep]) -> dict[str, dict[str, float]]:
     for one in steps:
         for move in one.step.moves:
             name, key = move.channel.rsplit(".", 1)
-            times.setdefault(key, {}).setdefault(name, []).append(move.t63_s + move.at_s - one.step.at_s)
+            times.setdefault(key, {}).setdefault(name, []).append(move.reached_s - one.step.at_s)
     return {key: {name: float(np.median(those)) for name, those in of.items()} for key, of in times.items()}
 
 
@@ -321,14 +321,14 @@ def _step_text(sensors: SensorLog, one: LogStep, in_pieces: bool, why_not: str) 
     if why_not:
         beside = "; true beside a reference that measured the air" if step.stages > 1 else ""
         lines.append(_line("use = false", f"{why_not}{beside}"))
-    lines += [f"# {said_of(move)}\n" for move in step.moves]
+    lines += [f"# {said_of(move, step.at_s)}\n" for move in step.moves]
     return "".join(lines)
 
 
-def said_of(move: StepOnset) -> str:
-    """One line on what a channel did at a step."""
-    unit = UNIT_SHOWN[move.quantity]
-    when = f"within {short(move.row_s, 3)} s" if move.row_s else f"after {short(move.t63_s, 3)} s"
+def said_of(move: StepOnset, at_s: float) -> str:
+    """One line on what a channel did at a step that was seen at `at_s`, from which it counts."""
+    unit, took_s = UNIT_SHOWN[move.quantity], max(move.reached_s - at_s, 0.0)
+    when = f"within {short(move.row_s, 3)} s" if took_s <= move.row_s else f"after {short(took_s, 3)} s"
     return f"{move.channel}: {move.before:.4g} to {move.after:.4g} {unit}, 63 % {when}"
 
 

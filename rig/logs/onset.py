@@ -51,6 +51,11 @@ class StepOnset:
     def size(self) -> float:
         return self.after - self.before
 
+    @property
+    def reached_s(self) -> float:
+        """When 63 % of the way were behind it, on the log's clock."""
+        return self.at_s + self.t63_s
+
 
 def fit_onset(channel: LogPiece, change: ChangePoint, since_s: float, until_s: float) -> StepOnset:
     """Fit the start of a change.

@@ -1,5 +1,6 @@
 """What must hold of the steps that are found in a log: all that are there, when they were, and no others."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -218,7 +219,7 @@ def test_a_step_in_a_hole_of_the_log_is_seen_and_not_used(hole, told):
     (step,) = find_steps([channel_of(time_s[there], value[there], "temperature")], 0)
     assert (step.why_not == "") == told
     assert told or f"no readings for {5 * (hole + 1)} s" in step.why_not
-    assert f"63 % within {5 * (hole + 1)} s" in said_of(step.moves[0])
+    assert f"63 % within {5 * (hole + 1)} s" in said_of(step.moves[0], step.at_s)
 
 
 def test_a_sharp_step_on_a_ramp_is_timed_and_sized_as_without_it():
@@ -349,6 +350,23 @@ def test_the_picture_shows_every_step_where_it_is(tmp_path):
     assert "23:58" in ticks and "00:00" in ticks and all(":" in tick for tick in ticks), "as the steps' titles say it"
     log = written(tmp_path / "ms.csv", WAYS["milliseconds"])
     seen = look_at([log], tmp_path / "ms.toml")
+def test_times_to_63_percent_count_from_the_step_that_they_stand_under(tmp_path, capsys):
+    """A sensor in a box shows a step late, and from its own start on it was faster than it is."""
+    time_s = np.arange(0.0, 3000.0, 2.0)
+    open_, boxed = 20.0 + 10.0 * lag(time_s - 1000.0, 30.0), 20.0 + 10.0 * lag(time_s - 1015.0, 200.0)
+    rows = (f"{t},{a:.2f},{b:.2f}" for t, a, b in zip(time_s, open_, boxed, strict=True))
+    log = written(tmp_path / "log.csv", "\n".join(["time_s,open temp,boxed temp", *rows]))
+    assert main(["import", str(log), "--look", "--out", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    map_ = (tmp_path / "log.toml").read_text()
+    for text_ in (said, map_):
+        times = re.findall(r"(\w+)\.temperature: .* 63 % after ([\d.]+) s", text_)
+        assert {name: float(s) for name, s in times} == {
+            "open": pytest.approx(30.0, abs=6.0),
+            "boxed": pytest.approx(215.0, abs=6.0),
+        }
+
+
     (*_, last) = draw_log(seen.logs[0], seen.steps[0], [True, True, True]).axes
     assert last.get_title(loc="left").startswith("3: 260") and " ms ± 0." in last.get_title(loc="left")
 
