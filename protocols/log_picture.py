@@ -65,8 +65,14 @@ def draw_log(sensors: SensorLog, steps: Sequence[LogStep], used: Sequence[bool])
     return figure
 
 
-def _colour(sensors: SensorLog, name: str) -> str:
-    return CYCLE[list(sensors.readings).index(name) % len(CYCLE)]
+def _colour(sensors: SensorLog, name: str) -> Any:
+    """A sensor's own: of more sensors than there are colours told apart by all eyes, along a scale."""
+    place, count = list(sensors.readings).index(name), len(sensors.readings)
+    if count <= len(CYCLE):
+        return CYCLE[place]
+    from matplotlib import colormaps
+
+    return colormaps["turbo"]((place + 0.5) / count)
 
 
 def _clock(sensors: SensorLog, seconds: Array) -> Any:

@@ -390,6 +390,9 @@ def test_haar_comes_out_as_its_authors_say(tmp_path):
     }
     assert {move.channel for move in humidity.step.moves} == {"Ctrl.humidity", "A.humidity", "B.humidity"}
 
+    many = {f"{k}": one for k in range(9) for one in seen.logs[0].readings.values()}
+    colours = [line.get_color() for line in draw_log(replace(seen.logs[0], readings=many), (), ()).axes[0].lines]
+    assert len(set(colours)) == len(colours) == 9
 
 def test_a_pressure_step_is_no_step_of_temperature_or_humidity(tmp_path):
     seen = look_at([REAL / "haar/Pressure.csv"], tmp_path / "m.toml")
