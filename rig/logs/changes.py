@@ -65,12 +65,17 @@ def noise_of(value: Array) -> float:
     second -= np.median(second)
     scatter = 1.4826 * float(np.median(np.abs(second, out=second), overwrite_input=True)) / np.sqrt(6.0)
     del second
+    return max(scatter, code_of(value, 0.2) / np.sqrt(12.0))
+
+
+def code_of(value: Array, equal: float = 0.5) -> float:
+    """How far apart the codes of a rounded channel are; 0 where less than a share `equal` of its readings are as the
+    one before: what noise carries to and fro between codes is known more finely than these."""
     steps = np.abs(np.diff(value))
-    tiny = 1e-9 * max(1.0, float(np.abs(value).max()))
-    if (steps <= tiny).mean() < 0.2 or (steps <= tiny).all():
-        return scatter
-    # Equal neighbours are those of a rounded channel: its least difference is the rounding.
-    return max(scatter, float(np.quantile(steps[steps > tiny], 0.05)) / np.sqrt(12.0))
+    differ = steps > 1e-9 * max(1.0, float(np.abs(value).max()))
+    if not 0.0 < differ.mean() <= 1.0 - equal:
+        return 0.0
+    return float(np.quantile(steps[differ], 0.05))
 
 
 def without_spikes(time_s: Array, value: Array, noise: float, least: float) -> tuple[Array, Array]:

@@ -14,7 +14,7 @@ from shockrig.files.numbers import counted
 from shockrig.files.spelling import did_you_mean
 from shockrig.files.unit_names import EPOCH, UNITS, quantity_of, unit_in_name
 from shockrig.rig.bench_errors import BenchError
-from shockrig.rig.logs.changes import LogPiece, noise_of, without_spikes
+from shockrig.rig.logs.changes import LogPiece, code_of, noise_of, without_spikes
 from shockrig.rig.logs.clock_columns import guess_clock, guess_format
 from shockrig.rig.logs.log import Column, Log, over_time, read_rows
 from shockrig.rig.logs.mapping import LogMap, SensorMap, columns_of
@@ -26,6 +26,8 @@ Index = NDArray[np.intp]
 
 LEAST_STEP = {"temperature": 0.5, "humidity": 2.0}  # K and %RH: below that, rooms do it by themselves
 LEAST_SHARE = 0.02  # of the channel's range
+LEAST_CODES = 1.5  # of a coarse channel: one code more may be any drift, however slow and small
+COARSEST = 2.5  # least steps: what lies farther apart are levels of the air, and no codes
 HELD_SHARE = 0.6  # of a channel's changes come at one distance where each reading is repeated that often
 HELD_CHANGES = 30
 
@@ -68,11 +70,17 @@ class SensorLog:
                     continue
                 # Of the whole range but its outermost readings: one absurd reading must not hide every step.
                 low, high = np.quantile(value, [0.002, 0.998])
-                threshold = least.get(key, max(LEAST_STEP[key], LEAST_SHARE * float(high - low)))
+                threshold = least.get(key, max(least_step(key, value), LEAST_SHARE * float(high - low)))
                 noise = noise_of(value)
                 time_s, value = without_spikes(time_s, value, noise, threshold)
                 channels.append(LogPiece(f"{name}.{key}", key, time_s, value, noise, threshold))
         return channels
+
+
+def least_step(key: str, value: Array) -> float:
+    """The smallest step that readings of a quantity show as one: more than a code of theirs."""
+    code = code_of(value)
+    return max(LEAST_STEP[key], LEAST_CODES * code if code <= COARSEST * LEAST_STEP[key] else 0.0)
 
 
 def read_sensors(path: Path, map_: LogMap, scanned: Scan | None = None) -> SensorLog:

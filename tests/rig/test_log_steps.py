@@ -15,11 +15,10 @@ from shockrig.rig.logs import steps
 from shockrig.rig.logs.changes import ChangePoint, LogPiece, noise_of, without_spikes
 from shockrig.rig.logs.first_map import look_at, said_of
 from shockrig.rig.logs.onset import fit_onset
-from shockrig.rig.logs.sensor_logs import LEAST_SHARE
+from shockrig.rig.logs.sensor_logs import LEAST_SHARE, least_step
 from shockrig.rig.logs.steps import find_steps
 
 REAL = Path(__file__).parents[2] / "data" / "real"
-LEAST = {"temperature": 0.5, "humidity": 2.0}
 RESPONSES = {
     "lag": lag,
     "two lags": lambda since_s, t63_s: two_lags(since_s, t63_s / 1.45),
@@ -33,7 +32,7 @@ def channel_of(time_s, value, quantity):
     """A channel as the import makes it."""
     noise = noise_of(value)
     low, high = np.quantile(value, [0.002, 0.998])
-    least = max(LEAST[quantity], LEAST_SHARE * (high - low))
+    least = max(least_step(quantity, value), LEAST_SHARE * (high - low))
     return LogPiece("sensor." + quantity, quantity, *without_spikes(time_s, value, noise, least), noise, least)
 
 
@@ -138,6 +137,18 @@ def test_a_ramp_that_begins_is_no_step_to_use():
     time_s = np.arange(0.0, 20000.0, 1.0)
     value = 20.0 + 0.001 * np.maximum(time_s - 9000.0, 0.0) + np.random.default_rng(1).normal(0.0, 0.02, time_s.size)
     assert all("a ramp" in step.why_not for step in find_steps([channel_of(time_s, value, "temperature")], 0))
+
+
+def test_one_code_more_of_a_coarse_sensor_is_no_step():
+    """Whole degrees of a room that drifts by three in five hours: when it went over each border says nothing. Two codes
+    at once are a step."""
+    time_s = np.arange(0.0, 18000.0, 6.0)
+    drift = np.round(21.2 + 3.0 * time_s / 18000.0 + 0.2 * np.sin(time_s / 900.0))
+    assert find_steps([channel_of(time_s, drift, "temperature")], 0) == ()
+    plunge = np.round(21.2 + 2.0 * lag(time_s - 9001.0, 40.0))
+    assert [step.at_s for step in find_steps([channel_of(time_s, plunge, "temperature")], 0)] == [
+        pytest.approx(9001.0, abs=60.0)
+    ]
 
 
 def test_a_sensor_carried_back_before_it_has_settled():
