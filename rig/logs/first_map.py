@@ -319,7 +319,7 @@ def _step_text(sensors: SensorLog, one: LogStep, in_pieces: bool, why_not: str) 
     if len(moved) < len(sensors.readings):
         lines.append(_line(f"sensors = [{', '.join(map(_text, moved))}]", "those that moved"))
     if why_not:
-        beside = "; true beside a reference that measured the air" if step.stages > 1 else ""
+        beside = "; true beside a reference that measured the air" if step.is_slow_air else ""
         lines.append(_line("use = false", f"{why_not}{beside}"))
     lines += [f"# {said_of(move, step.at_s)}\n" for move in step.moves]
     return "".join(lines)

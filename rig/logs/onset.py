@@ -90,7 +90,7 @@ def fit_onset(channel: LogPiece, change: ChangePoint, since_s: float, until_s: f
             if later.size
             else before
         )
-    most_s = _reached(later_s, later, before, after, 0.7, until_s) - change.time_s
+    most_s = reached(later_s, later, before, after, 0.7, until_s) - change.time_s
     reach_s = min(max(most_s, 0.0) + 2.0 * change.width_s, until_s - change.time_s)
     noise = max(channel.noise, 1e-3 * abs(after - before))
     while True:
@@ -106,7 +106,7 @@ def fit_onset(channel: LogPiece, change: ChangePoint, since_s: float, until_s: f
         reach_s *= 0.5
     low, high = max(low, at_s - 4.0 * spread_s - period), min(high, at_s + 4.0 * spread_s + period)
     at_s, spread_s, _ = _posterior(moments, readings, np.linspace(low, high, STARTS), lags_s, noise)
-    reached_s = _reached(later_s, later, before, after, 1.0 - np.exp(-1.0), until_s)
+    reached_s = reached(later_s, later, before, after, 1.0 - np.exp(-1.0), until_s)
     t63_s = max(reached_s - at_s, 0.0)
     uncertainty_s = float(np.hypot(np.hypot(spread_s, HIDDEN_SHARE * t63_s), 0.1 * period))
     row_s = row_between(channel, at_s, reached_s)
@@ -174,7 +174,7 @@ def _median(value: Array) -> float:
     return float(0.5 * (low + high))
 
 
-def _reached(time_s: Array, value: Array, before: float, after: float, share: float, else_s: float) -> float:
+def reached(time_s: Array, value: Array, before: float, after: float, share: float, else_s: float) -> float:
     """When a share of the way is first behind for good (for three readings in a row)."""
     if time_s.size == 0 or after == before:
         return else_s

@@ -156,8 +156,8 @@ def _why_not(one: LogStep, name: str, is_measured: bool) -> str:
                 "them found anew"
             )
         return f"{name} shows no step there"
-    # Stages do no harm where the air was measured: it is then the input as it was.
-    return "" if is_measured and one.step.stages > 1 else one.step.why_not
+    # Stages and ramps do no harm where the air was measured: it is then the input as it was.
+    return "" if is_measured and one.step.is_slow_air else one.step.why_not
 
 
 def _run(

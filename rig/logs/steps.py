@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from shockrig.files.numbers import short
 from shockrig.files.sentinels import LEAST_COURSE
-from shockrig.rig.logs.changes import ChangePoint, LogPiece, find_changes
-from shockrig.rig.logs.onset import HIDDEN_SHARE, SETTLED_T63, StepOnset, fit_onset, row_between
+from shockrig.rig.logs.changes import CHANGE_SIGMAS, ChangePoint, LogPiece, find_changes
+from shockrig.rig.logs.onset import HIDDEN_SHARE, SETTLED_T63, StepOnset, fit_onset, reached, row_between
 from shockrig.rig.logs.stages import count_stages, first_stage
 from shockrig.rig.logs.turns import on_its_way, own_temperature, turn_s
 
@@ -29,6 +29,8 @@ AT_ONCE, AT_ONCE_READINGS = 0.25, 25  # of a t63, and readings, within which a t
 RETURNED_SHARE = 0.25  # of the readings after it may lie nearer to the level before: a wave comes back
 STAYS_T63, STAYS_READINGS = 10.0, 20  # after it has settled, in which that is judged: what drifts back is slower
 RAMP_SHARE = 0.5  # of the stretch to the next step, taken by 63 % of the way: it did not slow down
+RAMP_BEGINS, RAMP_ENDS = 0.3, 0.95  # of the way: what is as fast from 63 % to its end as it was before ...
+STILL_AS_FAST = 0.75  # ... by so much, is no sensor's: one lag is 0.3 times as fast then, two that are equal 0.4
 MANY_STAGES = 3  # that one transfer does not make
 READINGS_BEFORE, READINGS_AFTER = LEAST_COURSE, 10  # that a run needs
 
@@ -51,6 +53,12 @@ class StepInLog:
     why_not: str = ""
     beside: tuple[str, ...] = ()
     next_s: float = np.inf
+    is_ramp: bool = False
+
+    @property
+    def is_slow_air(self) -> bool:
+        """Whether the air itself is seen to have taken its time: no harm where it was measured."""
+        return self.stages > 1 or self.is_ramp
 
 
 @dataclass
@@ -294,7 +302,7 @@ def judged(step: StepInLog, steps: Sequence[StepInLog], k: int, channels: Sequen
     ends_s = max(float(c.time_s[-1]) for c in moved)
     of_channel = {channel.name: channel for channel in moved}
     holes_s = [_hole_s(of_channel[move.channel], move) for move in step.moves]
-    why = ""
+    why, is_ramp = "", False
     if min(holes_s) > 0.0:
         why = (
             f"no readings for {short(min(holes_s), 3)} s on its way: neither when it began nor how fast it was is told"
@@ -303,7 +311,32 @@ def judged(step: StepInLog, steps: Sequence[StepInLog], k: int, channels: Sequen
         why = f"came in {step.stages} stages over {short(step.lasted_s, 3)} s: the air itself took that long"
     elif all(move.t63_s > RAMP_SHARE * (min(until_s, step.next_s, ends_s) - move.at_s) for move in step.moves):
         why = "did not slow down until the next change or the end: a ramp, or too short a stretch to tell"
-    return replace(step, why_not=why)
+    elif ramp_s := min(_ramp_s(of_channel[move.channel], move, until_s) for move in _fastest(step.moves)):
+        why = f"a ramp, as fast until its end after {short(ramp_s, 3)} s: the air itself took that long"
+        is_ramp = True
+    return replace(step, why_not=why, is_ramp=is_ramp)
+
+
+def _fastest(moves: Sequence[StepOnset]) -> list[StepOnset]:
+    """Of each quantity the move that went its way in the least time: it tells best what the air did."""
+    quantities = dict.fromkeys(move.quantity for move in moves)
+    return [min((m for m in moves if m.quantity == q), key=lambda move: move.t63_s) for q in quantities]
+
+
+def _ramp_s(channel: LogPiece, move: StepOnset, until_s: float) -> float:
+    """How long a move took that went on as fast until it was there; 0 of one that slowed down, or is too coarse to
+    tell."""
+    if CHANGE_SIGMAS * channel.noise > (RAMP_ENDS - 0.63) * abs(move.size):
+        return 0.0
+    inside = (channel.time_s >= move.at_s) & (channel.time_s <= until_s)
+    time_s, value = channel.time_s[inside], channel.value[inside]
+    begin_s, half_s, end_s = (
+        reached(time_s, value, move.before, move.after, share, np.inf) for share in (RAMP_BEGINS, 0.63, RAMP_ENDS)
+    )
+    if np.isinf(end_s) or half_s - begin_s < FEW_READINGS * channel.period_s:
+        return 0.0
+    as_fast_s = (half_s - begin_s) * (RAMP_ENDS - 0.63) / (0.63 - RAMP_BEGINS)  # that the rest takes
+    return float(end_s - move.at_s) if STILL_AS_FAST * (end_s - half_s) < as_fast_s else 0.0
 
 
 def _hole_s(channel: LogPiece, move: StepOnset) -> float:

@@ -139,6 +139,26 @@ def test_a_ramp_that_begins_is_no_step_to_use():
     assert all("a ramp" in step.why_not for step in find_steps([channel_of(time_s, value, "temperature")], 0))
 
 
+@pytest.mark.parametrize("after_s", [3000.0, 20000.0])
+def test_a_ramp_that_ends_is_no_step_to_use(after_s):
+    """A chamber goes at its own rate from level to level, and the sensor with it; beside a measured air it is a run."""
+    time_s = np.arange(0.0, 5000.0 + after_s, 2.0)
+    value = np.interp(time_s, [0.0, 3000.0, 4200.0, 5000.0 + after_s], [20.0, 20.0, 50.0, 50.0])
+    value += np.random.default_rng(1).normal(0.0, 0.02, time_s.size)
+    (step,) = find_steps([channel_of(time_s, value, "temperature")], 0)
+    assert "a ramp, as fast until its end after 11" in step.why_not and step.is_slow_air
+
+
+@pytest.mark.parametrize("response", RESPONSES)
+def test_no_sensor_behind_a_step_is_taken_for_a_ramp(response):
+    for seed, readings in enumerate((15.0, 50.0, 300.0)):
+        time_s = np.arange(0.0, 4000.0, 100.0 / readings)
+        value = 20.0 + 10.0 * RESPONSES[response](time_s - 1000.3, 100.0)
+        value += np.random.default_rng(seed).normal(0.0, 0.3, time_s.size)
+        (step,) = find_steps([channel_of(time_s, value, "temperature")], 0)
+        assert step.why_not == "", (readings, step.why_not)
+
+
 def test_one_code_more_of_a_coarse_sensor_is_no_step():
     """Whole degrees of a room that drifts by three in five hours: when it went over each border says nothing. Two codes
     at once are a step."""
@@ -329,6 +349,23 @@ def test_the_map_of_a_first_look_says_what_was_seen(tmp_path):
     assert "63 % of temperature after" in seen.text
 
 
+def test_times_to_63_percent_count_from_the_step_that_they_stand_under(tmp_path, capsys):
+    """A sensor in a box shows a step late, and from its own start on it was faster than it is."""
+    time_s = np.arange(0.0, 3000.0, 2.0)
+    open_, boxed = 20.0 + 10.0 * lag(time_s - 1000.0, 30.0), 20.0 + 10.0 * lag(time_s - 1015.0, 200.0)
+    rows = (f"{t},{a:.2f},{b:.2f}" for t, a, b in zip(time_s, open_, boxed, strict=True))
+    log = written(tmp_path / "log.csv", "\n".join(["time_s,open temp,boxed temp", *rows]))
+    assert main(["import", str(log), "--look", "--out", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    map_ = (tmp_path / "log.toml").read_text()
+    for text_ in (said, map_):
+        times = re.findall(r"(\w+)\.temperature: .* 63 % after ([\d.]+) s", text_)
+        assert {name: float(s) for name, s in times} == {
+            "open": pytest.approx(30.0, abs=6.0),
+            "boxed": pytest.approx(215.0, abs=6.0),
+        }
+
+
 def test_a_stated_step_ends_where_another_change_was_seen(tmp_path, capsys):
     """A chamber's programme, of which the map lists the first ramp: it goes to the first level and not to the last."""
     time_s = np.arange(0.0, 3000.0, 2.0)
@@ -353,6 +390,9 @@ def test_the_picture_shows_every_step_where_it_is(tmp_path):
         marked = [line.get_xdata()[0] for line in axes.lines if len(line.get_xdata()) == 2]
         assert marked == pytest.approx(LOG.steps_s, abs=1.0)
     assert len(close) == 3 and close[2].get_title(loc="left").endswith("not used")
+    many = {f"{k}": one for k in range(9) for one in seen.logs[0].readings.values()}
+    colours = [line.get_color() for line in draw_log(replace(seen.logs[0], readings=many), (), ()).axes[0].lines]
+    assert len(set(colours)) == len(colours) == 9
     log = written(tmp_path / "day.csv", WAYS["time of day, past midnight"])
     seen = look_at([log], tmp_path / "day.toml")
     figure = draw_log(seen.logs[0], seen.steps[0], [True, True, True])
@@ -361,23 +401,6 @@ def test_the_picture_shows_every_step_where_it_is(tmp_path):
     assert "23:58" in ticks and "00:00" in ticks and all(":" in tick for tick in ticks), "as the steps' titles say it"
     log = written(tmp_path / "ms.csv", WAYS["milliseconds"])
     seen = look_at([log], tmp_path / "ms.toml")
-def test_times_to_63_percent_count_from_the_step_that_they_stand_under(tmp_path, capsys):
-    """A sensor in a box shows a step late, and from its own start on it was faster than it is."""
-    time_s = np.arange(0.0, 3000.0, 2.0)
-    open_, boxed = 20.0 + 10.0 * lag(time_s - 1000.0, 30.0), 20.0 + 10.0 * lag(time_s - 1015.0, 200.0)
-    rows = (f"{t},{a:.2f},{b:.2f}" for t, a, b in zip(time_s, open_, boxed, strict=True))
-    log = written(tmp_path / "log.csv", "\n".join(["time_s,open temp,boxed temp", *rows]))
-    assert main(["import", str(log), "--look", "--out", str(tmp_path)]) == 0
-    said = capsys.readouterr().out
-    map_ = (tmp_path / "log.toml").read_text()
-    for text_ in (said, map_):
-        times = re.findall(r"(\w+)\.temperature: .* 63 % after ([\d.]+) s", text_)
-        assert {name: float(s) for name, s in times} == {
-            "open": pytest.approx(30.0, abs=6.0),
-            "boxed": pytest.approx(215.0, abs=6.0),
-        }
-
-
     (*_, last) = draw_log(seen.logs[0], seen.steps[0], [True, True, True]).axes
     assert last.get_title(loc="left").startswith("3: 260") and " ms ± 0." in last.get_title(loc="left")
 
@@ -401,9 +424,6 @@ def test_haar_comes_out_as_its_authors_say(tmp_path):
     }
     assert {move.channel for move in humidity.step.moves} == {"Ctrl.humidity", "A.humidity", "B.humidity"}
 
-    many = {f"{k}": one for k in range(9) for one in seen.logs[0].readings.values()}
-    colours = [line.get_color() for line in draw_log(replace(seen.logs[0], readings=many), (), ()).axes[0].lines]
-    assert len(set(colours)) == len(colours) == 9
 
 def test_a_pressure_step_is_no_step_of_temperature_or_humidity(tmp_path):
     seen = look_at([REAL / "haar/Pressure.csv"], tmp_path / "m.toml")
