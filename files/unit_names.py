@@ -87,7 +87,7 @@ _TIMES = (
     "time", "timestamp", "datetime", "date_time", "date time", "date-time", "t", "date", "datum", "zeit", "uhrzeit",
     "elapsed", "elapsed time", "seconds", "millis", "milliseconds", "micros", "microseconds", "minutes", "hours",
     "epoch", "unixtime", "unix", "ms", "fecha", "hora", "heure", "tempo", "tiempo", "clock",
-    "tms",
+    "tms", "x_value",  # of LabVIEW's measurement files
 )  # fmt: skip
 OUTSIDE = ("external", "outside", "outdoor", "ambient", "ext", "air")
 INSIDE = ("internal", "inside", "indoor", "box", "board", "case", "housing", "enclosure", "cpu", "pcb", "mcu")

@@ -132,6 +132,33 @@ def newest_first(header, time):
     return [names, *reversed(body)]
 
 
+def labview():
+    """As LabVIEW writes its measurement files: rows lack the cell of the comment that names and headers have."""
+    head = [
+        "LabVIEW Measurement\t",
+        "Separator\tTab",
+        "Date\t2017/04/21",
+        "***End_of_Header***\t",
+        "\t",
+        "Channels\t2\t\t\t",
+    ]
+    blocks = [
+        "Date\t2017/04/21\t2017/04/21\t",
+        "Samples\t1\t1\t",
+        "X0\t0.0E+0\t0.0E+0\t",
+        "Delta_X\t0.5\t0.5\t",
+        "***End_of_Header***\t\t\t",
+    ]
+    return [*head, *blocks, *plain("X_Value\tTemperature\tHumidity\tComment", separator="\t")]
+
+
+def in_places():
+    """As Vaisala writes soundings: columns end in one place each, and a name may be of two words."""
+    row = "{:>5} {:>13} {:>6} {:>6}".format
+    head = [row("n", "Elapsed time", "Temp", "RH"), row("", "s", "°C", "%")]
+    return [*head, *lines_of("", lambda t, a, b, n: row(n, f"{t:.2f}", f"{a:.2f}", f"{b:.2f}"))]
+
+
 def text(lines, end="\n"):
     return end.join(lines) + end
 
@@ -198,6 +225,14 @@ WAYS = {
     "a separator at the end": text([line + "," if k else line for k, line in enumerate(plain("time_s,temp,rh"))]),
     "a column of units": text(
         lines_of("Date/Time,Unit,Value,RH (%)", lambda t, a, b, n: f"{halves(t)},F,{a:.2f},{b:.2f}")
+    ),
+    "LabVIEW's, with two headers": text(labview()),
+    "names of two words above blanks": text(in_places()),
+    "received on a serial line": text(
+        [
+            "12:00:00.000 -> Temp,RH",
+            *lines_of("", lambda t, a, b, n: f"{date('%H:%M:%S.%f')(t)[:-3]} -> {a:.2f},{b:.2f}"),
+        ]
     ),
     "unit in every cell": text(lines_of("time,temp,rh", lambda t, a, b, n: f"{t:.2f},{a:.2f} °C,{b:.2f} %")),
     "unit in every cell, stamps beside": text(

@@ -25,11 +25,16 @@ AGAIN = 0.1  # of the rows bear a stamp that was there, or one before: fewer may
 LEFT = 0.02  # of these may still do so among the rows of one sensor
 IN_TURN = 0.5  # of rows are of another sensor than the row before, where every row has a stamp of its own
 JUMPS = 3.0  # times what a sensor's readings do from one to the next, that rows of several do
-_SENSOR = re.compile(
+_WHOSE = re.compile(
     r"(^|[^a-z])(sensor|probe|device|dev|node|logger|station|channel|chan|entity|mac|serial|address|addr|location|site)"
     r"([^a-z]|s?$|id|name|no|nr|number)",
     re.I,
 )
+
+
+def says_whose(name: str) -> bool:
+    """Whether a column is called by a word for a sensor or its place."""
+    return _WHOSE.search(name) is not None
 
 
 class SeveralError(BenchError):
@@ -58,7 +63,7 @@ def demand_one_sensor(lines: Scan, clock: TimeColumns, time_s: Array, values: Ma
         cells = [row[place] for row in some]
         if name in clock.columns or name in values or not 1 < len(set(cells)) <= len(cells) / LEAST_ROWS:
             continue
-        is_called, is_word = _SENSOR.search(name) is not None, not any(map(is_value, cells))
+        is_called, is_word = says_whose(name), not any(map(is_value, cells))
         if not (is_called or is_word or all(map(str.isdecimal, cells))):
             continue
         may_follow = bool(again) and (is_called or is_word)  # one sensor's rows after the other's

@@ -156,6 +156,17 @@ def guess_format(cells: Sequence[str]) -> tuple[str | None, str]:
     return best[0], doubt
 
 
+def two_ways(rows: Sequence[Sequence[str]]) -> tuple[str, str] | None:
+    """A date of the first and one of the last of some rows that are written in two ways, as where a table was edited
+    in part; None where there are none."""
+    ends = rows[: max(1, len(rows) // 4)], rows[-max(1, len(rows) // 4) :]
+    for place in range(len(rows[0]) if rows else 0):
+        first, last = (guess_format([row[place] for row in part])[0] for part in ends)
+        if None not in (first, last) and first != last:
+            return ends[0][0][place], ends[1][-1][place]
+    return None
+
+
 def _joined(date_: str, time_: str, columns: Mapping[str, Sequence[str]], doubt: str) -> TimeColumns:
     both = [f"{a.strip()} {b.strip()}" for a, b in zip(columns[date_], columns[time_], strict=True)]
     format_, doubt_both = guess_format(both)

@@ -14,7 +14,7 @@ from shockrig.files.numbers import short
 from shockrig.files.unit_names import quantity_of
 from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.logs.apart import SeveralError
-from shockrig.rig.logs.clock_columns import RISING, counters, guess_clock
+from shockrig.rig.logs.clock_columns import RISING, counters, guess_clock, two_ways
 from shockrig.rig.logs.found import LogStep, steps_of
 from shockrig.rig.logs.guess import NOTHING, ZEROS, Guess, guess_log, likely_reference
 from shockrig.rig.logs.log import ImpossibleError
@@ -78,8 +78,9 @@ def look_at(
         except SeveralError as fault:
             if several is not None:
                 raise
-            mine = [value for value in fault.values if value == sensor]
-            several = SeveralError(str(fault), fault.column, tuple(dict.fromkeys([*mine, *fault.values])))
+            measured = ("temperature", "humidity")
+            mine = sorted(fault.values, key=lambda value: (value != sensor, quantity_of(value, None) not in measured))
+            several = SeveralError(str(fault), fault.column, tuple(mine))
 
 
 def _look(
@@ -164,6 +165,8 @@ def _recognised(first: Scan, refused: Sequence[ImpossibleError] = (), several: S
         empty = {why: [name for name, reason in sought if reason == why] for why in (NOTHING, ZEROS)}
         said = "".join(f"{', '.join(names)}: {why}; " for why, names in empty.items() if names)
         said += "no column" if not said or guess.clock is None else "no other column"
+        if guess.clock is None and (twice := two_ways(first.sample())):
+            said = f"dates are written in two ways ({' and '.join(twice)}), write them in one: {said}"
         raise fault(
             f"{shown(first.path)}: {said} of {what} is recognised (it has: {has}); write a map by hand, [log] "
             f'{when} and [sensor.NAME] temperature = "...", as docs/importing.md shows'

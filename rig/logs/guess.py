@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from shockrig.files.flight import NAMES
 from shockrig.files.unit_names import UNITS, bare_name, is_called_time, quantity_of, squeeze, unit_by_letter
+from shockrig.rig.logs.apart import says_whose
 from shockrig.rig.logs.clock_columns import guess_clock
 from shockrig.rig.logs.known import SensorGuess, adjust
 from shockrig.rig.logs.mapping import COLUMNS
@@ -29,6 +30,7 @@ POSITION = ("altitude", "latitude", "longitude")
 STAMPS_APART = 0.05  # of the time from row to row: stamps that are less off the clock are the clock's
 IMPOSSIBLE = "hardly any of it can be what its name says (a raw count? if not, state it and its unit in the map)"
 NOTHING, ZEROS = "holds nothing", "holds nothing but zeros (not connected?)"
+VALUES = ("state", "value", "val", "reading", "measurement")  # of whatever the row says
 REFERENCE_WORDS = ("ctrl", "control", "ref", "standard", "chilled", "mirror")
 
 
@@ -63,6 +65,7 @@ def guess_log(lines: Scan, impossible: Collection[str] = ()) -> Guess:
         values = _numbers([row[k] for row in rows], lines.decimal)
         named = unit_said(lines, k, rows)
         quantity = _position(name) or quantity_of(name, named) or _of_a_pair(name, lines.names)
+        quantity = quantity or _of_its_sensor(name, lines.names, rows)
         if quantity is None or quantity == "time":
             unused.append((name, _why_no_reading(clock, name, k, lines, rows)))
             continue
@@ -176,6 +179,19 @@ def _of_a_pair(name: str, names: Sequence[str]) -> str | None:
         return None
     temperatures = {sensor_key(other) for other in names if quantity_of(other, None) == "temperature"}
     return "humidity" if sensor_key(name) in temperatures else None
+
+
+def _of_its_sensor(name: str, names: Sequence[str], rows: Sequence[Sequence[str]]) -> str | None:
+    """What a column that is called a value of whatever kind holds, where the column that says whose it is says so:
+    sensor.attic_temperature. Of several sensors the first one that says it."""
+    if bare_name(name).lower() not in VALUES:
+        return None
+    said = (
+        cell for k, other in enumerate(names) if says_whose(other) for cell in dict.fromkeys(row[k] for row in rows)
+    )
+    return next(
+        (quantity for cell in said if (quantity := quantity_of(cell, None)) in ("temperature", "humidity")), None
+    )
 
 
 def _one_pair(sensors: dict[str, SensorGuess]) -> dict[str, SensorGuess]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +22,8 @@ NO_TEXT = "\N{REPLACEMENT CHARACTER}".encode()
 # bytes that a log of text holds: all but control characters, of which loggers write those from 7 to 13, 26 and 27
 NO_BINARY = bytes([0, *range(7, 14), 26, 27, *range(32, 256)])
 BLOCK = 10_000  # lines that are looked up at a time
+# "13:00:00.000 -> 20.02,45.4": when a program on the serial line received what stands behind
+RECEIVED = re.compile(rb"^(\S*\d:\d\d:\d\d\S*) -> (?=[^,;\t|\n]*([,;\t|])|)", re.M)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +75,15 @@ class Lines(Sequence[str]):
         return self if holds.all() else Lines(self.content, self.begins, self.places[holds])
 
 
+def _parted(content: bytes) -> bytes:
+    """A text whose lines bear the time of day at which they were received as if it were a cell of theirs."""
+    between = Counter(match[2] for match in RECEIVED.finditer(content)) if b" -> " in content else Counter()
+    if 2 * between.total() <= content.count(b"\n"):
+        return content
+    separator = between.most_common(1)[0][0] or b" "
+    return RECEIVED.sub(lambda match: match[1] + separator, content)
+
+
 def read_lines(path: Path) -> Lines:
     """The lines of a text file in whatever encoding, line ends and all.
 
@@ -87,6 +100,7 @@ def read_lines(path: Path) -> Lines:
         content = decoded(content).encode(errors="replace")
     if b"\r" in content:
         content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    content = _parted(content)
     if b"\0" in content:
         every = content.split(b"\n")
         spoilt = [k for k, line in enumerate(every, start=1) if b"\0" in line]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import re
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -265,10 +266,10 @@ def _separator(lines: Sequence[str], layout: Layout) -> str:
     if layout.separator is not None:
         return SEPARATORS[layout.separator]
     some = _some(lines)
-    best, best_score = ",", 0.0
+    best, best_score, best_width = ",", 0.0, 0
     for separator in SEPARATORS.values():
         width = _usual(some, separator)
-        if width < 2:
+        if width < 2 or separator == " " and best == "\t" and width == best_width:  # tabs are blanks too
             continue
         cells = [_split(line, separator) for line in some if _count(line, separator) == width]
         if sum(any(_is_number(cell.strip()) for cell in row) for row in cells) < 0.5 * len(cells):
@@ -276,7 +277,7 @@ def _separator(lines: Sequence[str], layout: Layout) -> str:
         good = sum(map(is_value, (cell for row in cells for cell in row))) / (width * len(cells))
         score = good * len(cells) / len(some)
         if score > best_score + 1e-9:
-            best, best_score = separator, score
+            best, best_score, best_width = separator, score, width
     return best
 
 
@@ -317,6 +318,7 @@ def _header(
 ) -> tuple[tuple[str, ...], tuple[str, ...], int]:
     """Names, units and the line of the names (0 where there are none, and the columns have numbers)."""
     nothing = ("",) * width
+    ends_at = _ends(plain[first : first + SAMPLE_LINES], width) if separator == " " else None
 
     def cells(line: str) -> list[str]:
         """Names may be parted otherwise than rows: by commas above tabs."""
@@ -324,6 +326,10 @@ def _header(
         if len(found) == 1:
             others = (_split(line, other) for other in SEPARATORS.values())
             found = next((other for other in others if len(other) == width), found)
+        if separator == " " and len(found) != width and ends_at is not None:
+            found = _by_place(line, ends_at) or found
+        if len(found) > width and sum(map(bool, map(str.strip, found))) == width:  # moved to the right by tabs
+            found = list(filter(str.strip, found))
         return [cell.strip() for cell in found]
 
     def aligned(names: list[str]) -> list[str]:
@@ -346,6 +352,11 @@ def _header(
     for i in range(first - 1, -1, -1):
         found = cells(plain[i])
         if len(found) not in (width, width - 1):
+            # The last columns may have none, as of sensors that somebody added to a logger's program; but blanks also
+            # part a date from its time of day, under one name.
+            are_names = separator != " " and all(found) and not any(map(is_value, found))
+            if i == first - 1 and width / 2 < len(found) < width and are_names:
+                return unique_names(found, width), units, plain.number(i)
             break
         above = i > 0 and len(cells(plain[i - 1])) in (width, width - 1)
         said = sum(is_unit(cell) for cell in found)
@@ -365,9 +376,28 @@ def _header(
             continue
         # Whoever writes names and rows apart may name more than a row holds.
         whole = len(found) == width or (len(found) > width and is_called_time(found[0]))
-        if whole and not any(NUMBER.fullmatch(cell) for cell in found):
+        if whole and not any(cell[:1].isdecimal() and is_value(cell) for cell in found):
             return unique_names(found, width), units, over.number(i)
     return tuple(str(k + 1) for k in range(width)), nothing, 0
+
+
+def _ends(rows: Sequence[str], width: int) -> tuple[int, ...] | None:
+    """Where the columns of rows that blanks part end; None where they do not so in the same places in all rows."""
+    ends = {tuple(word.end() for word in re.finditer(r"\S+", row)) for row in rows}
+    whole = [one for one in ends if len(one) == width]
+    return whole[0] if len(whole) == 1 else None
+
+
+def _by_place(line: str, ends_at: Sequence[int]) -> list[str] | None:
+    """Names or units above columns, which end as these do: one may be of several words, and some may lack. None where
+    they do not end there."""
+    cells, ends = [""] * len(ends_at), list(ends_at)
+    for word in re.finditer(r"\S+", line):
+        place = bisect_left(ends_at, word.end())
+        if place == len(ends_at):
+            return None
+        cells[place], ends[place] = f"{cells[place]} {word.group()}".strip(), word.end()
+    return cells if ends == list(ends_at) and sum(map(bool, cells)) > len(cells) / 2 else None
 
 
 def _decimal(rows: Sequence[str], separator: str) -> str:

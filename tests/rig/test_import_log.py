@@ -18,6 +18,7 @@ from made_up_logs import (
     date,
     halves,
     in_full,
+    labview,
     lines_of,
     plain,
     plain_log,
@@ -613,6 +614,48 @@ def test_a_line_of_names_that_is_one_short_leaves_the_first_column_without(tmp_p
     ]
     scanned = scan(written(tmp_path / "log.csv", text([names, *rows])), Layout())
     assert scanned.names == ("1", "setpoint", "temp", "rh") if first == "1" else ("time", "setpoint", "temp", "4")
+
+
+def test_names_that_stop_before_the_columns_do_are_those_of_the_first(tmp_path):
+    rows = [f"{t:.2f}\t{c:.2f}\t{c:.2f}\t{c:.2f}\t" for t, c in zip(LOG.time_s, LOG.temperature_c, strict=True)]
+    scanned = scan(written(tmp_path / "log.csv", text(["Second\tTime\tTemperatures (C)", *rows])), Layout())
+    assert scanned.names == ("Second", "Time", "Temperatures (C)", "4", "5")
+
+
+def test_tabs_part_what_blanks_would_part_into_as_many_cells(tmp_path):
+    """LabVIEW's header has more lines of so many words than a short log has rows."""
+    head = labview()[: -LOG.time_s.size]
+    rows = plain("", separator="\t", decimal=",")[:6]
+    scanned = scan(written(tmp_path / "log.lvm", text([*head, *rows])), Layout())
+    assert (scanned.separator, scanned.names, len(scanned.rows)) == ("\t", ("X_Value", "Temperature", "Humidity"), 6)
+    moved = scan(written(tmp_path / "moved.csv", text(["\t\t\tTime\tTemperature\tHumidity", *rows])), Layout())
+    assert moved.names == ("Time", "Temperature", "Humidity")
+
+
+def test_dates_in_two_ways_are_said_to_be(tmp_path, capsys):
+    rows = plain("when,temp", time=date("%m/%d/%Y %H:%M:%S"))
+    rows[400:] = plain("", time=date("%m/%d/%y %I:%M:%S %p"))[400:]
+    assert run(written(tmp_path / "log.csv", text(rows)), "--look", "--out", tmp_path) == 2
+    said = capsys.readouterr().err
+    assert "written in two ways (05/01/2026 12:00:00 and 05/01/26 12:05:39 PM)" in said, said
+
+
+def test_a_state_is_what_the_row_says_that_it_is_of(tmp_path, capsys):
+    """As Home Assistant exports the history of several entities."""
+    stamps = date("%Y-%m-%dT%H:%M:%S.%fZ")
+    body = [
+        *lines_of("", lambda t, a, b, n: f"sensor.battery,97,{stamps(t)}"),
+        *lines_of("", lambda t, a, b, n: f"sensor.attic_temperature,{a:.2f},{stamps(t)}"),
+        *lines_of("", lambda t, a, b, n: f"sensor.attic_humidity,{b:.2f},{stamps(t)}"),
+    ]
+    log = written(tmp_path / "log.csv", text(["entity_id,state,last_changed", *body]))
+    assert run(log, "--look", "--out", tmp_path) == 0
+    map_ = (tmp_path / "log.toml").read_text()
+    assert 'only = { "entity_id" = "sensor.attic_temperature" }' in map_ and '\ntemperature = "state"' in map_
+    assert run(log, "--map", tmp_path / "log.toml", "--out", tmp_path / "c") == 0
+    assert len(read_campaign(tmp_path / "c").runs) == 3
+    humid = look_at([log], tmp_path / "other.toml", sensor="sensor.attic_humidity")
+    assert '\nhumidity = "state"' in humid.text and len(humid.steps[0]) == 3
 
 
 def test_a_row_that_fills_more_of_the_names_than_the_others_is_one(tmp_path):
