@@ -49,11 +49,11 @@ def quiet_around(
 
 def _loose(steps: Sequence[StepInLog], groups: Sequence[Sequence[Cluster]]) -> list[Sequence[Cluster]]:
     """Groups of changes that are none of the steps: each step's is the nearest of those whose windows it lies in."""
-    taken = {group_of(groups, step.at_s, step.uncertainty_s) for step in steps}
+    taken = {_group_of(groups, step.at_s, step.uncertainty_s) for step in steps}
     return [group for k, group in enumerate(groups) if k not in taken]
 
 
-def group_of(groups: Sequence[Sequence[Cluster]], at_s: float, uncertainty_s: float) -> int | None:
+def _group_of(groups: Sequence[Sequence[Cluster]], at_s: float, uncertainty_s: float) -> int | None:
     """The place of the group of changes that a step is: the nearest of those whose windows it may lie in."""
     near = [k for k, group in enumerate(groups) if _may_be(group, at_s, uncertainty_s)]
     return min(near, key=lambda k: abs(groups[k][0].time_s - at_s)) if near else None

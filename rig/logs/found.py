@@ -10,13 +10,13 @@ import numpy as np
 
 from shockrig.files.disk import shown
 from shockrig.rig.bench_errors import BenchError
-from shockrig.rig.logs.between import Stretch, group_of, quiet_around
+from shockrig.rig.logs.between import Stretch, quiet_around
 from shockrig.rig.logs.changes import ChangePoint, LogPiece
 from shockrig.rig.logs.mapping import LogMap, StepMap
 from shockrig.rig.logs.onset import StepOnset, fit_onset
 from shockrig.rig.logs.sensor_logs import SensorLog
 from shockrig.rig.logs.stamps import to_map, to_seconds
-from shockrig.rig.logs.steps import Cluster, StepInLog, find_steps, groups_of, judged, last_s
+from shockrig.rig.logs.steps import Cluster, StepInLog, find_steps, groups_of, judged
 
 
 @dataclass(frozen=True)
@@ -80,10 +80,6 @@ def steps_of(sensors: SensorLog, map_: LogMap, several: bool = False) -> tuple[L
             channel for channel in pieces[piece] if not one.sensors or channel.name.rsplit(".", 1)[0] in one.sensors
         ]
         unsure_s = one.uncertainty_s if one.uncertainty_s is not None else sensors.log.period_s / np.sqrt(12.0)
-        mine = group_of(groups[piece], at_s, float(unsure_s))
-        if mine is not None:  # what was seen beside it bounds it too, whether the map has it or not
-            since_s = max(since_s, last_s(groups[piece][mine - 1]) if mine else -np.inf)
-            until_s = min(until_s, groups[piece][mine + 1][0].time_s if mine + 1 < len(groups[piece]) else np.inf)
         moves = _moves(theirs, at_s, one.uncertainty_s, since_s, until_s)
         times = [
             None if value is None else _on_clock(sensors, value, f"{where}.{key}")

@@ -97,7 +97,7 @@ def find_steps(
     ends_s = max((float(c.time_s[-1]) for c in channels if c.time_s.size), default=0.0)
     steps = []
     for k, group in enumerate(groups):
-        since_s = last_s(groups[k - 1]) if k else begins_s
+        since_s = _last_s(groups[k - 1]) if k else begins_s
         until_s = groups[k + 1][0].time_s if k + 1 < len(groups) else ends_s
         next_s = until_s if k + 1 < len(groups) else np.inf
         steps += [replace(step, next_s=next_s) for step in _steps(channels, group, piece, since_s, until_s)]
@@ -207,8 +207,7 @@ def _turns(channels: Sequence[LogPiece], group: Sequence[Cluster], before: Seque
     return True
 
 
-def last_s(group: Sequence[Cluster]) -> float:
-    """When the last change of a group was."""
+def _last_s(group: Sequence[Cluster]) -> float:
     return max(change.time_s for cluster in group for those in cluster.changes.values() for change in those)
 
 

@@ -366,19 +366,6 @@ def test_times_to_63_percent_count_from_the_step_that_they_stand_under(tmp_path,
         }
 
 
-def test_a_stated_step_ends_where_another_change_was_seen(tmp_path, capsys):
-    """A chamber's programme, of which the map lists the first ramp: it goes to the first level and not to the last."""
-    time_s = np.arange(0.0, 3000.0, 2.0)
-    level = np.interp(time_s, [0, 300, 900, 1200, 1800, 2100, 2700, 3000], [23, 23, 35, 35, 23, 23, 18, 18])
-    level += np.random.default_rng(1).normal(0.0, 0.01, time_s.size)
-    rows = (f"{t},{v:.3f}" for t, v in zip(time_s, level, strict=True))
-    log = written(tmp_path / "log.csv", "\n".join(["time_s,temp_c", *rows]))
-    map_ = written(tmp_path / "m.toml", "[sensor.x]\ntemperature = 'temp_c'\n[[step]]\nat = 300\nuncertainty_s = 40\n")
-    assert main(["import", str(log), "--look", "--map", str(map_), "--out", str(tmp_path)]) == 0
-    (said,) = (line for line in capsys.readouterr().out.splitlines() if "63 %" in line)
-    assert "x.temperature: 23 to 35 degC, 63 % after 3" in said
-
-
 def test_the_picture_shows_every_step_where_it_is(tmp_path):
     from shockrig.protocols.log_picture import draw_log
 
