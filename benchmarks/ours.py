@@ -142,18 +142,10 @@ def fresh_run_errors(outcome: Outcome, campaign: str | Path, channel: str) -> tu
     import numpy as np
 
     from shockrig.analysis.diagnose.held_out import plainly, run_errors
-    from shockrig.analysis.diagnose.prepare import prepare
-    from shockrig.analysis.estimate.gather import build_channel
-    from shockrig.files.campaign import read_campaign
 
-    found = next((c for c in outcome.found.channels if c.name == channel), None) if outcome.found else None
-    recorded = read_campaign(campaign)
-    fresh = build_channel(recorded, channel)
-    if found is None or fresh is None:
+    if (beside := _beside(outcome, campaign, channel)) is None:
         return None
-    if fresh.rates != found.problem.channel.rates:
-        return None
-    problem = prepare(fresh, found.noise.averaged).problem
+    found, recorded, fresh, problem = beside
     used = np.isin([run.id for run in recorded.runs], fresh.run_ids)
     before, after = np.full((2, used.size), np.nan)
     before[used] = run_errors(fresh, problem, plainly(found.plain))
@@ -162,21 +154,31 @@ def fresh_run_errors(outcome: Outcome, campaign: str | Path, channel: str) -> tu
     return before, after
 
 
+def _beside(outcome: Outcome, campaign: str | Path, channel: str) -> tuple[Any, Any, Any, Any] | None:
+    """The diagnosis of a channel, and another campaign of it: as recorded, its channel and the problem of that. None
+    where there is none, or what is known of the one is nothing of the other."""
+    from shockrig.analysis.diagnose.prepare import prepare
+    from shockrig.analysis.estimate.gather import build_channel
+    from shockrig.files.campaign import read_campaign
+
+    found = next((c for c in outcome.found.channels if c.name == channel), None) if outcome.found else None
+    recorded = read_campaign(campaign)
+    fresh = build_channel(recorded, channel)
+    if found is None or fresh is None or fresh.rates != found.problem.channel.rates:
+        return None
+    return found, recorded, fresh, prepare(fresh, found.noise.averaged).problem
+
+
 def borne_out(outcome: Outcome, campaign: str | Path, channel: str) -> list[tuple[float, bool]]:
     """Of each effect of a diagnosis's likeliest model its probability, and whether unseen runs bear it out: at the rate
     that runs have in common that model leaves less of another campaign than the likeliest one without the effect does.
     """
     from shockrig.analysis.diagnose.held_out import run_errors
-    from shockrig.analysis.diagnose.prepare import prepare
     from shockrig.analysis.diagnose.refitting import as_judged
-    from shockrig.analysis.estimate.gather import build_channel
-    from shockrig.files.campaign import read_campaign
 
-    found = next((c for c in outcome.found.channels if c.name == channel), None) if outcome.found else None
-    fresh = build_channel(read_campaign(campaign), channel)
-    if found is None or fresh is None or fresh.rates != found.problem.channel.rates:
+    if (beside := _beside(outcome, campaign, channel)) is None:
         return []
-    bins = prepare(fresh, found.noise.averaged).problem
+    found, _, fresh, bins = beside
 
     def left(model: Any) -> float:
         judged = as_judged(found.problem, model.fit)

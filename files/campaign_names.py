@@ -58,7 +58,7 @@ def serial_numbers(sensors: Mapping[str, object], emulated: bool) -> dict[str, s
     return {name: one for name, one in stated.items() if one and not (emulated and one.startswith("virtual"))}
 
 
-def time_of_day(stated: object) -> str:
+def dated(stated: object) -> str:
     """When a run began (ISO 8601) as its file states it; empty where it states nothing, or what a clock says that was
     never set: it begins at 1970-01-01."""
     return stated if isinstance(stated, str) and stated >= "1971" else ""

@@ -51,7 +51,7 @@ def misspelt(
             meant = [near] if near else [f"{home}{key}" for home in known if key in known[home]]
             beside = [one for one in names & set(content) if one.startswith(f"{key}_")]
             if beside:
-                yield f"key {path}{key} says nothing: {beside[0]} stands beside it and counts; take one out"
+                yield f"key {path}{key}: {beside[0]} stands beside it and counts, is one too many?"
             elif meant:
                 yield f"key {path}{key}: is {' or '.join(meant)} meant?"
         if isinstance(value, Mapping):

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from shockrig.files.campaign_names import serial_numbers, time_of_day
+from shockrig.files.campaign_names import dated, serial_numbers
 from shockrig.files.disk import real_path
 from shockrig.files.errors import InputError
 from shockrig.files.headline import LUMPED, NEAREST_C, first_order
@@ -82,7 +82,7 @@ def _entry(path: Path) -> Entry:
     began_at = ""
     if state.recorded:
         first = read_json(path / "runs" / state.recorded[0] / "run.json", None, "fix or restore the file")
-        began_at = time_of_day(first.get("started_at"))
+        began_at = dated(first.get("started_at"))
     return Entry(path, state, began_at, serials)
 
 

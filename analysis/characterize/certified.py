@@ -15,7 +15,7 @@ from shockrig.analysis.characterize.response_times import ResponseAir
 from shockrig.analysis.characterize.result import Characterization
 from shockrig.analysis.estimate.quantity import QUANTITIES
 from shockrig.files.campaign import Campaign
-from shockrig.files.campaign_names import sensor_and_probe, time_of_day
+from shockrig.files.campaign_names import dated, sensor_and_probe
 from shockrig.files.certificate import (
     BudgetLine,
     Certificate,
@@ -164,7 +164,7 @@ def _dates(campaign: Campaign) -> list[str]:
     found = []
     for run in campaign.runs:
         with suppress(ValueError):
-            found.append(date.fromisoformat(time_of_day(run.started_at)[:10]).isoformat())
+            found.append(date.fromisoformat(dated(run.started_at)[:10]).isoformat())
     return found
 
 

@@ -20,7 +20,7 @@ from scipy.special import chdtrc, stdtr
 
 from shockrig.analysis.characterize.budget import Budget
 from shockrig.files.campaign import Campaign
-from shockrig.files.campaign_names import time_of_day
+from shockrig.files.campaign_names import dated
 
 Array = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ class Chart:
 
 def began_at(campaign: Campaign) -> str:
     """When its first run began (ISO 8601); empty where nobody recorded it, or by a clock that was never set."""
-    return min((began for run in campaign.runs if (began := time_of_day(run.started_at))), default="")
+    return min((began for run in campaign.runs if (began := dated(run.started_at))), default="")
 
 
 def bench_of(campaign: Campaign) -> str:

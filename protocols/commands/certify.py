@@ -87,7 +87,7 @@ def write(args: argparse.Namespace, out: Path, extend: Path | None, made_at: str
     from shockrig.analysis.characterize.part_fit import read_extension
     from shockrig.analysis.report.certificate_page import write_certificate_page
     from shockrig.files.campaign import read_campaign
-    from shockrig.files.campaign_names import time_of_day
+    from shockrig.files.campaign_names import dated
     from shockrig.files.certificate import write_certificate
     from shockrig.files.dcc import dcc_text
     from shockrig.files.diagnosis import read_diagnosis
@@ -100,7 +100,7 @@ def write(args: argparse.Namespace, out: Path, extend: Path | None, made_at: str
 
     say = Phases(CERTIFYING)
     air, traced, country = _air(args), _traced(args.traced), _country(args.country)
-    if not time_of_day(made_at):
+    if not dated(made_at):
         said = f"this computer's clock says {made_at[:10]}, and a certificate has its date"
         raise InputError(f"{said}: set the clock (sudo date --set ...)")
     with whole_folder(out) as folder:

@@ -49,20 +49,17 @@ def quiet_around(
 
 def _loose(steps: Sequence[StepInLog], groups: Sequence[Sequence[Cluster]]) -> list[Sequence[Cluster]]:
     """Groups of changes that are none of the steps: each step's is the nearest of those whose windows it lies in."""
-    taken = {_group_of(groups, step.at_s, step.uncertainty_s) for step in steps}
+    taken = set()
+    for step in steps:
+        near = [k for k, group in enumerate(groups) if _may_be(group, step)]
+        taken |= {min(near, key=lambda k: abs(groups[k][0].time_s - step.at_s))} if near else set()
     return [group for k, group in enumerate(groups) if k not in taken]
 
 
-def _group_of(groups: Sequence[Sequence[Cluster]], at_s: float, uncertainty_s: float) -> int | None:
-    """The place of the group of changes that a step is: the nearest of those whose windows it may lie in."""
-    near = [k for k, group in enumerate(groups) if _may_be(group, at_s, uncertainty_s)]
-    return min(near, key=lambda k: abs(groups[k][0].time_s - at_s)) if near else None
-
-
-def _may_be(group: Sequence[Cluster], at_s: float, uncertainty_s: float) -> bool:
+def _may_be(group: Sequence[Cluster], step: StepInLog) -> bool:
     begin_s = group[0].time_s - 2.0 * group[0].width_s  # as far back as a start is looked for
     end_s = max(change.time_s + change.width_s for one in group for those in one.changes.values() for change in those)
-    return begin_s <= at_s + 2.0 * uncertainty_s and at_s - 2.0 * uncertainty_s <= end_s
+    return begin_s <= step.at_s + 2.0 * step.uncertainty_s and step.at_s - 2.0 * step.uncertainty_s <= end_s
 
 
 def _changes(groups: Sequence[Sequence[Cluster]], place: int) -> list[ChangePoint]:

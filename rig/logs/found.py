@@ -79,8 +79,8 @@ def steps_of(sensors: SensorLog, map_: LogMap, several: bool = False) -> tuple[L
         theirs = [
             channel for channel in pieces[piece] if not one.sensors or channel.name.rsplit(".", 1)[0] in one.sensors
         ]
-        unsure_s = one.uncertainty_s if one.uncertainty_s is not None else sensors.log.period_s / np.sqrt(12.0)
         moves = _moves(theirs, at_s, one.uncertainty_s, since_s, until_s)
+        unsure_s = one.uncertainty_s if one.uncertainty_s is not None else sensors.log.period_s / np.sqrt(12.0)
         times = [
             None if value is None else _on_clock(sensors, value, f"{where}.{key}")
             for key, value in (("from", one.begin), ("until", one.end), ("start", one.start))

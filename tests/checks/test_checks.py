@@ -83,7 +83,7 @@ def test_a_key_that_is_nearly_another_is_said_with_the_runs_that_have_it(pairs, 
     assert "key sensorz: is sensors meant?" in of_keys[0].sentence
     of_runs = " ".join(f.sentence for f in of_keys[1:])
     assert "key airflow: is airflow_m_s meant?" in of_runs
-    assert "key source.temperature says nothing: temperature_c stands beside it" in of_runs
+    assert "key source.temperature: temperature_c stands beside it and counts, is one too many? It says" in of_runs
 
 
 @pytest.mark.parametrize(
@@ -96,7 +96,7 @@ def test_a_key_that_is_nearly_another_is_said_with_the_runs_that_have_it(pairs, 
         (
             {"imet": {"bead_radius": 4e-4, "bead_radius_m": 5e-4}},
             {},
-            "key sensors.imet.bead_radius says nothing: bead_radius_m stands beside it and counts; take one out",
+            "key sensors.imet.bead_radius: bead_radius_m stands beside it and counts, is one too many?",
         ),
     ],
 )
