@@ -181,6 +181,13 @@ WAYS = {
     "German": text(plain("Zeit;Temperatur;Feuchte", date("%d.%m.%Y %H:%M:%S.%f"), ";", ",")),
     "American": text(plain("Date Time,Temp (°F),RH (%)", date("%m/%d/%y %I:%M:%S.%f %p"))),
     "day before month": text(plain("Date,Temp,RH", date("%d/%m/%Y %H:%M:%S.%f", datetime(2026, 5, 23, tzinfo=UTC)))),
+    "thousandths behind a colon": text(
+        lines_of(
+            "Sweep #,Time,Temp (C),RH",
+            lambda t, a, b, n: f"{n + 1},{date('%m/%d/%Y %H:%M:%S:%f')(t)[:-3]},{a:.2f},{b:.2f}",
+        )
+    ),
+    "thousandths behind a colon, no date": text(plain("Time,Temp,RH", lambda t: date("%H:%M:%S:%f", NIGHT)(t)[:-3])),
     "date and time in two columns": text(plain("Date,Time,Temp,RH", date("%Y/%m/%d,%H:%M:%S.%f"))),
     "a date in six columns": text(plain("Year,Month,Day,Hour,Minute,Second,Temp,RH", date("%Y,%m,%d,%H,%M,%S.%f"))),
     "clocks without zeros in front": text(plain("Date,Time,Temp,RH", unpadded)),

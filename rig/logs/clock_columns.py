@@ -30,8 +30,8 @@ _DATES = (
 )  # fmt: skip
 _BETWEEN = (" ", "T", ", ", "-", "_", ",", "")
 _TIMES = (
-    "%H:%M:%S.%f", "%H:%M:%S", "%I:%M:%S %p", "%I:%M:%S.%f %p", "%H:%M", "%I:%M %p", "%H.%M.%S", "%H_%M_%S", "%H%M%S",
-    "%H %M %S", "%H %M",
+    "%H:%M:%S.%f", "%H:%M:%S", "%H:%M:%S:%f", "%I:%M:%S %p", "%I:%M:%S.%f %p", "%H:%M", "%I:%M %p", "%H.%M.%S",
+    "%H_%M_%S", "%H%M%S", "%H %M %S", "%H %M",
 )  # fmt: skip
 
 # A date whose parts stand in a column each; a month and a minute may both be called mm, and are then told by capitals.
@@ -42,7 +42,7 @@ _PARTS = {
 _COUNTERS = {
     "#", "scan", "scans", "sample", "samples", "record", "records", "rec", "row", "rows", "line", "lines", "reading",
     "readings", "packet", "packets", "frame", "frames", "count", "counts", "counter", "number", "num", "no", "nr", "n",
-    "index", "idx", "id", "seq", "sequence",
+    "index", "idx", "id", "seq", "sequence", "sweep", "sweeps",
 }  # fmt: skip
 _COUNT = re.compile(f"({'|'.join(sorted(_COUNTERS, key=len, reverse=True))})+")  # packetnr, recno: two words in one
 RISING = "rising"
@@ -79,9 +79,21 @@ def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequ
         format_, doubt = guess_format(columns[name])
         if format_ is not None and _has_hours(format_, columns[name]) and len(set(columns[name])) > 1:
             return TimeColumns((name,), format_, doubt=doubt)
+    if not_read(columns):
+        return None  # the log has its times, and what merely rises beside them would be another's
     for name in (name for name in names if name not in called and not _is_other(name, unit_of[name])):
         if (clock := _counted(name, columns[name], unit_of[name], named=False)) is not None:
             return clock
+    return None
+
+
+def not_read(columns: Mapping[str, Sequence[str]]) -> tuple[str, str] | None:
+    """A column that is called a time and says when in a way that is not known, and a cell of it; None where none is."""
+    for name in filter(is_called_time, columns):
+        cells = [cell.strip() for cell in columns[name] if re.search(r"\d\D+\d", cell)]
+        own = [cell for cell in cells if NUMBER.fullmatch(cell.replace(",", ".")) is None]
+        if len(own) > len(columns[name]) / 2 and len(set(own)) > 1 and guess_format(own)[0] is None:
+            return name, own[0]
     return None
 
 
@@ -132,7 +144,7 @@ def guess_format(cells: Sequence[str]) -> tuple[str | None, str]:
     some = texts[:: max(1, len(texts) // 40)]
     if _share(_is_iso, some) > 0.9:
         return ISO, ""
-    if _share(lambda text: re.fullmatch(r"\d{1,3}:\d{1,2}(:\d{1,2}([.,]\d+)?)?", text) is not None, some) > 0.9:
+    if _share(lambda text: re.fullmatch(r"\d{1,3}:\d{1,2}(:\d{1,2}([.,]\d+|:\d{3})?)?", text) is not None, some) > 0.9:
         return OF_DAY, ""
     every = (day + (between + hour if hour else "") for day, between, hour in product(_DATES, _BETWEEN, (*_TIMES, "")))
     first = some[0]

@@ -14,7 +14,7 @@ from shockrig.files.numbers import short
 from shockrig.files.unit_names import quantity_of
 from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.logs.apart import SeveralError
-from shockrig.rig.logs.clock_columns import RISING, counters, guess_clock, two_ways
+from shockrig.rig.logs.clock_columns import RISING, counters, guess_clock, not_read, two_ways
 from shockrig.rig.logs.found import LogStep, steps_of
 from shockrig.rig.logs.guess import NOTHING, ZEROS, Guess, guess_log, likely_reference
 from shockrig.rig.logs.log import ImpossibleError
@@ -167,6 +167,11 @@ def _recognised(first: Scan, refused: Sequence[ImpossibleError] = (), several: S
         said += "no column" if not said or guess.clock is None else "no other column"
         if guess.clock is None and (twice := two_ways(first.sample())):
             said = f"dates are written in two ways ({' and '.join(twice)}), write them in one: {said}"
+        of_name = {name: [row[k] for row in first.sample()] for k, name in enumerate(first.names)}
+        if guess.clock is None and (strange := not_read(of_name)):
+            name, cell = strange
+            when = f'time = {_text(name)}, time_format = "..." (strptime\'s, as "%d.%m.%Y %H:%M:%S")'
+            said = f"{name} holds {cell!r}, and that way of writing a time is not known: {said}"
         raise fault(
             f"{shown(first.path)}: {said} of {what} is recognised (it has: {has}); write a map by hand, [log] "
             f'{when} and [sensor.NAME] temperature = "...", as docs/importing.md shows'

@@ -201,8 +201,9 @@ def unit_shown(clock: TimeColumns) -> str:
 
 
 def _clock_s(texts: Any) -> Array:
-    """Hours:minutes:seconds to s of a day."""
-    parts = texts.str.replace(",", ".", regex=False).str.extract(r"^(\d{1,3}):(\d{1,2})(?::(\d{1,2}(?:\.\d+)?))?$")
+    """Hours:minutes:seconds to s of a day; thousandths may stand behind a colon."""
+    texts = texts.str.replace(r"[,:](?=\d{3}$)|,", ".", regex=True)
+    parts = texts.str.extract(r"^(\d{1,3}):(\d{1,2})(?::(\d{1,2}(?:\.\d+)?))?$")
     numbers = parts.astype(float).to_numpy()
     return np.asarray(3600.0 * numbers[:, 0] + 60.0 * numbers[:, 1] + np.nan_to_num(numbers[:, 2]), dtype=float)
 

@@ -354,6 +354,16 @@ def test_a_temperature_that_falls_is_no_clock_of_which_the_newest_row_is_on_top(
     assert clock_columns.guess_clock([name, "rh"], cells, ["", ""]) is None
 
 
+def test_times_that_nobody_can_read_are_not_made_up_for_by_what_rises_beside_them(tmp_path, capsys):
+    """Numbers of rows had been seconds, 10 s apart as these are; the column and what stands in it are named."""
+    stamps = date("%Y~%j~%H%M%S")
+    rows = [f"{n},{stamps(10 * n)},{20.0 if n < 60 else 30.0}" for n in range(200)]
+    log = written(tmp_path / "log.csv", text(["tick,Time,Temp (C)", *rows]))
+    assert run(log, "--look", "--out", tmp_path) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert "Time holds '2026~121~" in said and 'time = "Time", time_format = "..."' in said
+
+
 def test_dates_with_times_of_day_that_go_on_are_the_clock_whatever_their_column_is_called(tmp_path, capsys):
     """As a feed that is downloaded has them, far behind; a date that stands still there is when something was made."""
     stamped = date("%Y-%m-%d %H:%M:%S.%f -0800")
