@@ -73,7 +73,7 @@ def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequ
         if guess_format(columns[name])[0] == OF_DAY:
             return TimeColumns((name,), OF_DAY)
     for name in called:
-        if (clock := _counted(name, columns[name], unit_of[name], named=True)) is not None:
+        if (clock := counted_clock(name, columns[name], unit_of[name], named=True)) is not None:
             return clock
     for name in names[3:]:  # whatever it is called; where it stands still it is when something was made
         format_, doubt = guess_format(columns[name])
@@ -82,7 +82,7 @@ def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequ
     if not_read(columns):
         return None  # the log has its times, and what merely rises beside them would be another's
     for name in (name for name in names if name not in called and not _is_other(name, unit_of[name])):
-        if (clock := _counted(name, columns[name], unit_of[name], named=False)) is not None:
+        if (clock := counted_clock(name, columns[name], unit_of[name], named=False)) is not None:
             return clock
     return None
 
@@ -185,8 +185,9 @@ def _joined(date_: str, time_: str, columns: Mapping[str, Sequence[str]], doubt:
     return TimeColumns((date_, time_), format_ or ISO, doubt=doubt or doubt_both)
 
 
-def _counted(name: str, cells: Sequence[str], unit: str | None, named: bool) -> TimeColumns | None:
-    """A clock of plain numbers: called a time, or ever rising."""
+def counted_clock(name: str, cells: Sequence[str], unit: str | None, named: bool) -> TimeColumns | None:
+    """A clock of plain numbers: `named` a time by what it is called or by a person, or ever rising; None where there is
+    none in these cells."""
     texts = [cell.strip().replace(",", ".") for cell in cells]
     in_cells = unit_in_cells(texts)
     if in_cells in UNITS["time"]:

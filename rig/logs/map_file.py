@@ -83,6 +83,7 @@ def parse_map(text: str, path: Path) -> LogMap:
         comment=log.name("comment"),
         missing=log.several("missing"),
         only=_only(log),
+        may_be_one=every_s is not None,
     )
     time_unit = log.name("time_unit")
     if time_unit is not None and known_unit(time_unit) not in UNITS["time"]:

@@ -44,7 +44,8 @@ DATE = re.compile(
 @dataclass(frozen=True)
 class Layout:
     """How a log is laid out; None is found out. `header_line` counts from 1; 0 says that there is no header. `only` is
-    a column and what must stand in it: other rows are another sensor's."""
+    a column and what must stand in it: other rows are another sensor's. `may_be_one`: times are told otherwise, and a
+    column of readings is enough."""
 
     separator: str | None = None
     decimal: str | None = None
@@ -52,6 +53,7 @@ class Layout:
     comment: str | None = None
     missing: tuple[str, ...] = ()
     only: tuple[str, str] | None = None
+    may_be_one: bool = False
 
 
 @dataclass(frozen=True)
@@ -116,11 +118,12 @@ def _scan(path: Path, layout: Layout) -> Scan:
     plain = kept.where(np.fromiter(is_plain, dtype=bool, count=len(kept)))
     separator = _separator(plain, layout)
     counts = np.fromiter((_count(line, separator) for line in plain), dtype=np.int32, count=len(plain))
-    width = _usual(_some(plain), separator)
-    if width < 2:
+    width = _usual(_some(plain), separator) or int(layout.may_be_one)
+    if not width:
         raise BenchError(
             f"{shown(path)}: no rows of two cells or more (times and readings); give its separator in the map, [log] "
-            f"separator = one of {', '.join(SEPARATORS)}"
+            f"separator = one of {', '.join(SEPARATORS)}, or, where it holds readings alone, the seconds from one to "
+            "the next, every_s = 1.0"
         )
     first = _first_row(plain, np.flatnonzero(counts == width), separator, layout)
     if first is None:

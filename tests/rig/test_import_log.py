@@ -615,6 +615,34 @@ def test_a_log_without_times_is_read_by_the_time_from_row_to_row(tmp_path, capsy
     assert len(runs) == 3 and np.diff(runs[0].imet.time_s) == pytest.approx(0.5)
 
 
+def test_a_file_of_nothing_but_readings_is_read_by_the_time_from_one_to_the_next(tmp_path, capsys):
+    log = written(tmp_path / "log.txt", text([f"{value:.2f}" for value in LOG.temperature_c]))
+    assert run(log, "--look", "--out", tmp_path / "look") == 2
+    assert "where it holds readings alone" in (said := capsys.readouterr().err) and "every_s = 1.0" in said
+    map_ = '[log]\nheader_line = 0\nevery_s = 0.5\n[sensor.bead]\ntemperature = "1"\n'
+    assert run(log, "--map", written(tmp_path / "m.toml", map_), "--out", tmp_path / "c") == 0
+    runs = read_campaign(tmp_path / "c").runs
+    assert len(runs) == 3 and np.diff(runs[0].imet.time_s) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(("since_s", "unit_s"), [(DAY.timestamp(), 1e-3), (DAY.timestamp(), 1.0), (0.0, 1.0)])
+def test_a_column_of_times_that_a_map_names_and_says_no_more_of_is_understood_as_one_that_is_called_so(
+    tmp_path, since_s, unit_s, capsys
+):
+    """Milliseconds since 1970 beside a number of the row had been seconds since then: a row every 500 s."""
+    times = (since_s + LOG.time_s) / unit_s
+    rows = [f"{n},{t:.2f},{c:.2f}" for n, (t, c) in enumerate(zip(times, LOG.temperature_c, strict=True))]
+    map_ = '[log]\nheader_line = 0\ntime = "2"\n[sensor.bead]\ntemperature = "3"\n'
+    log, map_path = written(tmp_path / "log.csv", text(rows)), written(tmp_path / "m.toml", map_)
+    assert run(log, "--look", "--map", map_path, "--out", tmp_path) == 0
+    said = capsys.readouterr().out
+    assert "one every 0.5 s" in said and "its name is none of times" not in said
+    assert run(log, "--map", map_path, "--out", tmp_path / "c") == 0
+    first = read_campaign(tmp_path / "c").runs[0]
+    assert np.diff(first.imet.time_s) == pytest.approx(0.5, abs=0.02)
+    assert (first.started_at is None) == (since_s == 0.0)
+
+
 @pytest.mark.parametrize(("names", "first"), [("setpoint;temp;rh", "1"), ("time;setpoint;temp", "time")])
 def test_a_line_of_names_that_is_one_short_leaves_the_first_column_without(tmp_path, names, first):
     """As R writes row names; but where a word for time comes first, the last column has none."""
