@@ -111,7 +111,7 @@ def _look(
     map_ = parse_map(text, map_path)
     logs = []
     while scans:  # the text is of no more use once it is read, and is most of what is held
-        logs.append(read_sensors(scans[0].path, map_, scans.pop(0)))
+        logs.append(read_sensors(scans[0].path, map_, scans.pop(0), guessed=True))
     progress("looking for steps")
     steps = [steps_of(one, map_) for one in logs]
     left_out = [unused(one, those, map_) for one, those in zip(logs, steps, strict=True)]

@@ -55,11 +55,13 @@ class ImpossibleError(BenchError):
 
 @dataclass(frozen=True)
 class Column:
-    """One column that is wanted: its name in the log, what it measures (a key of `UNITS`), in which unit."""
+    """One column that is wanted: its name in the log, what it measures (a key of `UNITS`), in which unit; `is_stated`
+    where a person says which."""
 
     name: str
     quantity: str
     unit: str
+    is_stated: bool = False
 
 
 @dataclass(frozen=True)
@@ -161,7 +163,8 @@ def read_rows(
     places = {name: place for place, name in enumerate(lines.names)}
     named = frozenset(one.name for one in columns if unit_said(lines, places[one.name], some) == one.unit)
     for column in columns:
-        values[column.name], said = _checked(read.pop(column.name), column, lines, column.name in named)
+        is_named = column.is_stated or column.name in named
+        values[column.name], said = _checked(read.pop(column.name), column, lines, is_named)
         remarks += said
     demand_one_sensor(lines, clock, time_s, values)
     return LogRows(path, clock, origin_s, time_s, values, lines.numbers, tuple(remarks), named)
@@ -292,8 +295,8 @@ def _numbers(
 
 
 def _checked(read: _Read, column: Column, lines: Scan, named: bool) -> tuple[Array, list[str]]:
-    """A column's numbers, NaN also for those that cannot be, and what was left out; where the log has `named` their
-    unit they are no slip of it."""
+    """A column's numbers, NaN also for those that cannot be, and what was left out; where the log or a person has
+    `named` their unit they are no slip of it."""
     where = f"{shown(lines.path)}, column {column.name!r}"
     said: list[str] = []
     numbers = np.concatenate(read.blocks)

@@ -95,6 +95,6 @@ class LogMap:
 def columns_of(sensor: SensorMap) -> dict[str, Column]:
     """A sensor's columns by their keys; units that the map does not state are the campaign's own."""
     return {
-        key: Column(name, COLUMNS[key], unit or next(iter(UNITS[COLUMNS[key]])))
+        key: Column(name, COLUMNS[key], unit or next(iter(UNITS[COLUMNS[key]])), unit is not None)
         for key, (name, unit) in sensor.columns.items()
     }

@@ -112,7 +112,7 @@ def read_sensor(path: Path, sensor: str, options: LogOptions, *, die: bool = Tru
         None,
         {},
     )
-    read = read_sensors(path, map_, lines)
+    read = read_sensors(path, map_, lines, guessed=asked[main] is None)
     log, readings = read.log, read.readings[sensor]
     there = np.isfinite(readings.values[main])
     time_s = log.time_s[readings.rows][there]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -83,8 +83,8 @@ def least_step(key: str, value: Array) -> float:
     return max(LEAST_STEP[key], LEAST_CODES * code if code <= COARSEST * LEAST_STEP[key] else 0.0)
 
 
-def read_sensors(path: Path, map_: LogMap, scanned: Scan | None = None) -> SensorLog:
-    """Read a log by a map.
+def read_sensors(path: Path, map_: LogMap, scanned: Scan | None = None, guessed: bool = False) -> SensorLog:
+    """Read a log by a map; of one that is `guessed` nobody has seen the units.
 
     Raises
     ------
@@ -104,6 +104,7 @@ def read_sensors(path: Path, map_: LogMap, scanned: Scan | None = None) -> Senso
                 unit = unit_said(lines, lines.names.index(column.name), sample) if there else None
                 if unit in UNITS[column.quantity]:
                     column = Column(column.name, column.quantity, str(unit))
+            column = replace(column, is_stated=column.is_stated and not guessed)
             of_sensor[key] = column
             if columns.setdefault(column.name, column) != column:
                 raise BenchError(
@@ -128,7 +129,7 @@ def _by_name(columns: Mapping[str, Column], lines: Scan) -> dict[str, Column]:
         name = column.name
         if name not in lines.names and name.isdecimal() and 1 <= int(name) <= len(lines.names):
             name = lines.names[int(name) - 1]
-        named[key] = Column(name, column.quantity, column.unit)
+        named[key] = replace(column, name=name)
     return named
 
 

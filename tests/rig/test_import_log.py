@@ -587,6 +587,19 @@ def test_a_raw_count_with_a_thermometers_name_does_not_stand_in_the_way_of_the_o
     assert "column 'ntc': 2220 cannot be" in capsys.readouterr().err
 
 
+def test_a_unit_that_a_person_states_is_no_slip_however_hot_it_is(tmp_path, capsys):
+    """A kiln at 200 to 900 degC, whose column is called temp: the error asks for the unit, and it is taken."""
+    kiln = 200.0 + 35.0 * (LOG.temperature_c - LOG.temperature_c.min())
+    rows = [f"{t:.2f},{c:.2f}" for t, c in zip(LOG.time_s, kiln, strict=True)]
+    log = written(tmp_path / "log.csv", text(["time_s,temp", *rows]))
+    map_ = written(tmp_path / "m.toml", '[sensor.kiln]\ntemperature = "temp"\n')
+    assert run(log, "--map", map_, "--out", tmp_path / "c") == 2
+    assert "state the right temperature_unit in the map" in capsys.readouterr().err
+    map_.write_text(map_.read_text("utf-8") + 'temperature_unit = "degC"\n', "utf-8")
+    assert run(log, "--map", map_, "--out", tmp_path / "c") == 0, capsys.readouterr().err
+    assert len(read_campaign(tmp_path / "c").runs) == 3
+
+
 @pytest.mark.parametrize("name", ["Front-temp Setting", "heater temp setting (C)"])
 def test_a_temperature_that_somebody_sets_is_no_sensor(name):
     assert quantity_of(name, None) is None
