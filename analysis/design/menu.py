@@ -170,7 +170,7 @@ def deciding_menu(
     menu = []
     for t in ambients_c:
         shocks = _both_ways(t) | {
-            "a larger step of temperature": (_warm(t, 2.0 * WARMER_K), (t, 55.0)),
+            f"a step of temperature of {2.0 * WARMER_K:g} K": (_warm(t, 2.0 * WARMER_K), (t, 55.0)),
             "a small step of temperature": ((t + 7.0, 40.0), (t, 50.0)),
             "a small step at high humidity": ((t, 65.0), (t, 80.0)),
             "a small step at low humidity": ((t, 35.0), (t, 20.0)),

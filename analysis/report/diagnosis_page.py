@@ -24,6 +24,7 @@ from shockrig.analysis.report.diagnosis_words import (
     NOT_TOLD,
     channel_verdict,
     experiments,
+    has_hygrometer,
     headline,
     label,
     listed,
@@ -455,7 +456,7 @@ def _advice(views: Sequence[ChannelView]) -> list[Block]:
 
 
 def _next(diagnosis: Diagnosis) -> list[Block]:
-    lines = experiments(diagnosis.next_experiments)
+    lines = experiments(diagnosis.next_experiments, has_hygrometer(diagnosis))
     open_ = [Text(sentence) for sentence in next_time([c.problem.channel for c in diagnosis.channels])]
     if lines:
         return [Text("These runs would best tell apart what is still tied:"), *(Text(line) for line in lines), *open_]

@@ -500,10 +500,10 @@ def worse(nats: float) -> str:
     return f"predicts unseen runs far {'worse' if odds > 0 else 'better'}"
 
 
-def experiment(run: dict[str, Any]) -> str:
-    """A run to measure next, in a line."""
+def experiment(run: dict[str, Any], humid: bool = True) -> str:
+    """A run to measure next, in a line; a thermometer alone (`humid` False) needs no air of a certain humidity."""
     airs = [
-        f"{plain(run[k]['temperature_c'], 3)} °C, {plain(run[k]['humidity_percent'], 3)} %RH"
+        f"{plain(run[k]['temperature_c'], 3)} °C" + (f", {plain(run[k]['humidity_percent'], 3)} %RH" if humid else "")
         for k in ("source", "destination")
         if isinstance(run.get(k), dict)
     ]
@@ -515,10 +515,15 @@ def experiment(run: dict[str, Any]) -> str:
     return text + (f" ({run['reason']})" if run.get("reason") else "")
 
 
-def experiments(runs: Sequence[dict[str, Any]]) -> list[str]:
+def has_hygrometer(diagnosis: Diagnosis) -> bool:
+    """Whether there is one, diagnosed or not."""
+    return "humidity" in diagnosis.missing or any(channel.name == "humidity" for channel in diagnosis.channels)
+
+
+def experiments(runs: Sequence[dict[str, Any]], humid: bool = True) -> list[str]:
     """Runs to measure next, repeats counted together."""
     lines: dict[str, int] = {}
     for run in runs:
-        text = experiment(run)
+        text = experiment(run, humid)
         lines[text] = lines.get(text, 0) + 1
     return [f"{count} × {text}" if count > 1 else text for text, count in lines.items()]

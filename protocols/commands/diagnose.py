@@ -246,6 +246,7 @@ def summary(diagnosis: Diagnosis) -> str:
     from shockrig.analysis.report.diagnosis_words import (
         channel_verdict,
         experiments,
+        has_hygrometer,
         missing,
         named,
         predicting_sentence,
@@ -269,7 +270,8 @@ def summary(diagnosis: Diagnosis) -> str:
             used = counted(found.problem.channel.runs, "run")
             lines.append(f"  {used} used, {left_out} left out (the report says why)")
     lines += missing(diagnosis) + [f"input: {sentence}" for sentence in diagnosis.input_findings]
-    wanted = experiments(diagnosis.next_experiments) + next_time([c.problem.channel for c in diagnosis.channels])
+    wanted = experiments(diagnosis.next_experiments, has_hygrometer(diagnosis))
+    wanted += next_time([c.problem.channel for c in diagnosis.channels])
     lines.append("to measure next:" + ("" if wanted else " nothing; no two explanations are tied"))
     return "\n".join([*lines, *(f"  {line}" for line in wanted)])
 

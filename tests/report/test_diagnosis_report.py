@@ -229,7 +229,9 @@ def test_runs_to_measure_next_are_counted():
     assert experiments([run, dict(run)]) == [
         "2 × 40.0 °C, 18.0 %RH → 20.0 °C, 55.0 %RH, 1.8 m/s, transfer slowed to 2.0 s (a thermal shock downwards)"
     ]
-    assert experiments([{"source": {"temperature_c": 1.0, "humidity_percent": 2.0}}]) == ["1.00 °C, 2.00 %RH"]
+    one = {"source": {"temperature_c": 1.0, "humidity_percent": 2.0}}
+    assert experiments([one]) == ["1.00 °C, 2.00 %RH"]
+    assert experiments([one], humid=False) == ["1.00 °C"]  # of a thermometer in a kiln at 223 degC it had been 55 %RH
 
 
 def held(times, residuals):
