@@ -166,9 +166,11 @@ def in_common(channel: Channel, found: Fit, noise: Noise) -> float | None:
 
 
 def when_largest(channel: Channel, found: Fit, noise: Noise) -> tuple[float, float]:
-    """The window of time after the transfer [s] in which residuals are largest above what the noise would give."""
+    """The window of time after the transfer [s] in which residuals are largest above what the noise would give; none
+    is shorter than the time from reading to reading."""
     late = np.where(channel.time_s > 0, channel.time_s, np.nan)
-    windows = [(a * channel.tempo, b * channel.tempo) for a, b in itertools.pairwise(WINDOWS_S)]
+    ends_s = channel.tempo * np.array(WINDOWS_S[1:])
+    windows = list(itertools.pairwise((0.0, *ends_s[ends_s >= channel.sampling_period_s].tolist())))
     excess = []
     for low, high in windows:
         inside = (channel.count > 0) & (late > low) & (late <= high)

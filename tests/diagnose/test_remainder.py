@@ -7,7 +7,7 @@ import pytest
 from small_worlds import logged
 
 from shockrig.analysis.diagnose import remainder
-from shockrig.analysis.diagnose.adequacy import in_common, varies_with
+from shockrig.analysis.diagnose.adequacy import in_common, varies_with, when_largest
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.prepare import prepare
 from shockrig.analysis.diagnose.remainder import Tolerance, measure_remainder
@@ -55,6 +55,16 @@ def test_runs_that_differ_in_their_rate_are_not_adequate_because_nobody_recorded
     found = diagnose_channel(build_channel(logged(tmp_path, runs), "temperature"))
     assert found.verdict == "unexplained" and not found.causes
     assert found.final.rate_scatter == pytest.approx(0.064, abs=0.02) and found.remainder.significant
+
+
+@pytest.mark.parametrize(("every_s", "largest"), [(0.05, (0.0, 0.3)), (5.0, (0.0, 5.0)), (70.0, (0.0, 99.0))])
+def test_when_most_is_left_is_said_no_finer_than_the_readings_come(every_s, largest):
+    """Of a chamber that was logged every 10 s most had been left "from 0 to 0.29 s after the transfer"."""
+    time_s = np.arange(0.1, 100.0, 0.2)[None, :]
+    residual = np.where(time_s < 0.25, 3.0, 0.5)
+    channel = SimpleNamespace(time_s=time_s, tempo=2.0, count=np.ones(time_s.shape), sampling_period_s=every_s)
+    found, noise = SimpleNamespace(residual=residual), SimpleNamespace(standard_deviation=0.1)
+    assert when_largest(channel, found, noise) == pytest.approx(largest, abs=1.0)
 
 
 def test_how_much_of_what_is_left_runs_have_in_common():
