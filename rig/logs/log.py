@@ -61,7 +61,7 @@ class Column:
     name: str
     quantity: str
     unit: str
-    is_stated: bool = False
+    is_stated: bool = field(default=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -163,8 +163,7 @@ def read_rows(
     places = {name: place for place, name in enumerate(lines.names)}
     named = frozenset(one.name for one in columns if unit_said(lines, places[one.name], some) == one.unit)
     for column in columns:
-        is_named = column.is_stated or column.name in named
-        values[column.name], said = _checked(read.pop(column.name), column, lines, is_named)
+        values[column.name], said = _checked(read.pop(column.name), column, lines, column.name in named)
         remarks += said
     demand_one_sensor(lines, clock, time_s, values)
     return LogRows(path, clock, origin_s, time_s, values, lines.numbers, tuple(remarks), named)
@@ -295,8 +294,8 @@ def _numbers(
 
 
 def _checked(read: _Read, column: Column, lines: Scan, named: bool) -> tuple[Array, list[str]]:
-    """A column's numbers, NaN also for those that cannot be, and what was left out; where the log or a person has
-    `named` their unit they are no slip of it."""
+    """A column's numbers, NaN also for those that cannot be, and what was left out; where the log has `named` their
+    unit they are no slip of it."""
     where = f"{shown(lines.path)}, column {column.name!r}"
     said: list[str] = []
     numbers = np.concatenate(read.blocks)
@@ -316,6 +315,8 @@ def _checked(read: _Read, column: Column, lines: Scan, named: bool) -> tuple[Arr
         said.append(one_or_many(missing, f"value {of} is missing", f"values {of} are missing"))
     limits = LIMITS[column.quantity]
     absurd = np.flatnonzero((numbers < limits.low) | (numbers > limits.high))
+    # Who states degC may have an oven; nobody states kelvin for what is colder than any air.
+    named |= column.is_stated and not (numbers < limits.low).any()
     if column.quantity == "temperature" and (named or absurd.size < 0.9 * np.isfinite(numbers).sum()):
         absurd = np.flatnonzero(unread(numbers, limits, RANGES["temperature_reading_c"]))
     if absurd.size and absurd.size >= 0.9 * np.isfinite(numbers).sum():
