@@ -150,7 +150,7 @@ SERIES_LAG = Effect(
     words=Words(
         (
             "Something stands between the air and the body and follows it with a lag of {time_constant_s} s (a sheath, "
-            "a housing, a vent, a cap), the same at every airflow."
+            "a housing, a vent, a cap), the same in every run."
         ),
         "Take off cap or sheath for a comparison, or fly with it on: the profile has it in.",
     ),

@@ -173,7 +173,7 @@ CALIBRATION_ERROR = Effect(
     ),
     apply=_miscalibrated,
     words=Words(
-        "The calibration is off: gain {gain}, offset {offset}, the same at every airflow and direction.",
+        "The calibration is off: gain {gain}, offset {offset}, the same in every run.",
         "Calibrate at two points against the reference, and enter the result.",
     ),
     needs=Needs(
