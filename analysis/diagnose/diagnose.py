@@ -16,6 +16,7 @@ from shockrig.analysis.characterize.shifts import widened
 from shockrig.analysis.checks.campaign_checks import Checked, checked
 from shockrig.analysis.checks.finding import InputFinding
 from shockrig.analysis.diagnose.adequacy import judge
+from shockrig.analysis.diagnose.candidates import tells_nothing
 from shockrig.analysis.diagnose.cannot_tell import cannot_tell, left_open, mostly_unsettled
 from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis, Diagnosis, Predicting
 from shockrig.analysis.diagnose.gain import Gain, HeldOutPart, held_out_parts, measure_gain
@@ -81,11 +82,19 @@ def diagnose_channel(
     tolerance = tolerance or Tolerance()
     parts = held_out_parts(channel, problem, found.plain)
     found, gain, unborne = _borne_out(channel, ready, found, parts, tolerance.of(channel.quantity.unit))
-    sigma = found.best.score.discrepancy
-    adequacy, plain_adequacy = (judge(problem, one.fit) for one in (found.best, found.plain))
-    remainder = measure_remainder(problem, found.best.fit, ready.noise, adequacy, gain, tolerance, sigma)
-    # As uncertain as what the model is wrong by, and what it does not carry, make it.
-    final = widened(problem, as_stated(problem, found.best.fit, bumps(problem), sigma, remainder.significant))
+    while True:
+        sigma = found.best.score.discrepancy
+        adequacy, plain_adequacy = (judge(problem, one.fit) for one in (found.best, found.plain))
+        remainder = measure_remainder(problem, found.best.fit, ready.noise, adequacy, gain, tolerance, sigma)
+        # As uncertain as what the model is wrong by, and what it does not carry, make it.
+        final = widened(problem, as_stated(problem, found.best.fit, bumps(problem), sigma, remainder.significant))
+        own = [one for one in final.structure.effects if one.id not in found.plain.ids]
+        empty = frozenset(one.id for one in own if tells_nothing(one, final.values()[one.id]))
+        if not empty:
+            break
+        # What was sound to within the noise may be anything, as far as runs agree on it.
+        found = found.without(empty)
+        gain = measure_gain(channel, parts, found.best, ready.noise)
     causes, forms = causes_in(ready, found, final), forms_in(problem, found, final)
     at_rest = (bursts(problem.channel, ready.noise, remainder.tolerance), *hums)
     shown = (*ready.shown, *(one for one in at_rest if one is not None))

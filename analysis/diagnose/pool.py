@@ -139,6 +139,11 @@ class Search:
         pool, weight = heaviest_first(one for one in self.pool if one is not self.best)
         return stated(replace(self, pool=pool, weights=weight))
 
+    def without(self, effects: frozenset[str]) -> Search:
+        """The search where no model has any of some effects: the others, weighed anew."""
+        pool, weight = heaviest_first(one for one in self.pool if not one.ids & effects)
+        return stated(replace(self, pool=pool, weights=weight))
+
     def tied(self) -> list[Rated]:
         """Models whose weight is not small beside the best one's, the best first."""
         least = level("tie") * self.weight(self.best)
