@@ -39,6 +39,7 @@ _PARTS = {
     "%Y": ("year", "yyyy"), "%m": ("month", "mon", "MM"), "%d": ("day", "dd"), "%H": ("hour", "hh"),
     "%M": ("minute", "min", "mm"), "%S": ("second", "sec", "ss"),
 }  # fmt: skip
+_OF_A_DAY = ("%H", "%M", "%S")
 _COUNTERS = {
     "#", "scan", "scans", "sample", "samples", "record", "records", "rec", "row", "rows", "line", "lines", "reading",
     "readings", "packet", "packets", "frame", "frames", "count", "counts", "counter", "number", "num", "no", "nr", "n",
@@ -72,9 +73,14 @@ def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequ
     for name in [*called, *names[:3]]:  # by its cells too: it may be called "TimeElapsed" or "when"
         if guess_format(columns[name])[0] == OF_DAY:
             return TimeColumns((name,), OF_DAY)
+    in_parts = _in_parts(columns, dated=False)
     for name in called:
+        if in_parts is not None and name in in_parts.columns:
+            continue
         if (clock := counted_clock(name, columns[name], unit_of[name], named=True)) is not None:
             return clock
+    if in_parts is not None:
+        return in_parts
     for name in names[3:]:  # whatever it is called; where it stands still it is when something was made
         format_, doubt = guess_format(columns[name])
         if format_ is not None and _has_hours(format_, columns[name]) and len(set(columns[name])) > 1:
@@ -102,15 +108,16 @@ def _has_hours(format_: str, cells: Sequence[str]) -> bool:
     return "%H" in format_ or "%I" in format_ or (format_ == ISO and any(":" in cell for cell in cells))
 
 
-def _in_parts(columns: Mapping[str, Sequence[str]]) -> TimeColumns | None:
-    """A clock whose year, month, day, hour and whatever follows stand in a column each; None where one is not there."""
+def _in_parts(columns: Mapping[str, Sequence[str]], dated: bool = True) -> TimeColumns | None:
+    """A clock whose year, month, day, hour and whatever follows stand in a column each, or, of one that is not `dated`,
+    the hour, minute and second; None where one of these is not there."""
 
     def column(called: Sequence[str]) -> str | None:
         return next((name for name in columns if name.strip("#") in called or name.lower() in called[:2]), None)
 
-    found = {part: column(called) for part, called in _PARTS.items()}
+    found = {part: column(called) for part, called in _PARTS.items() if dated or part in _OF_A_DAY}
     there = [(name, part) for part, name in found.items() if name is not None]
-    if None in (found["%Y"], found["%m"], found["%d"], found["%H"]):
+    if any(found[part] is None for part in (("%Y", "%m", "%d", "%H") if dated else _OF_A_DAY)):
         return None
     if any(_share(lambda text: NUMBER.fullmatch(text) is not None, columns[name]) < 0.9 for name, _ in there):
         return None

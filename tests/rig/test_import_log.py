@@ -364,6 +364,18 @@ def test_times_that_nobody_can_read_are_not_made_up_for_by_what_rises_beside_the
     assert "Time holds '2026~121~" in said and 'time = "Time", time_format = "..."' in said
 
 
+@pytest.mark.parametrize("names", ["packetnr,hh,mm,ss,T,rh", "hour,minute,second,T,rh,n"])
+def test_hours_minutes_and_seconds_in_a_column_each_are_times_of_day(names):
+    """As a receiver of satellites gives them: no column of times was recognised."""
+    at = {"hh": lambda n: 11, "mm": lambda n: 50 + n // 60, "ss": lambda n: n % 60}
+    at |= {"hour": at["hh"], "minute": at["mm"], "second": at["ss"], "packetnr": int, "n": int}
+    cells = [[str(at.get(name, lambda n: 20 + n % 3)(n)) for name in names.split(",")] for n in range(90)]
+    clock = clock_columns.guess_clock(names.split(","), cells, [""] * 6)
+    assert clock is not None and clock.format == "%H %M %S" and clock.is_of_day
+    first = ["hh", "mm", "ss"] if "hh" in names else ["hour", "minute", "second"]
+    assert list(clock.columns) == first
+
+
 def test_dates_with_times_of_day_that_go_on_are_the_clock_whatever_their_column_is_called(tmp_path, capsys):
     """As a feed that is downloaded has them, far behind; a date that stands still there is when something was made."""
     stamped = date("%Y-%m-%d %H:%M:%S.%f -0800")
