@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
+LAST_DIGITS = 1e-12  # of a double that was converted to and fro
 COVERAGE = 1.96  # standard uncertainties of a 95 % band
 SHOWN_SHARE = 0.97  # of the rows whose band is within the panel
 
@@ -89,7 +90,9 @@ def changes_of(flight: Flight, corrected: Corrected) -> list[ChannelChange]:
     for one in channels_of(flight, corrected):
         known = np.isfinite(one.value) & np.isfinite(one.sigma) & ~corrected.flags["implausible"]
         if known.any():
-            change = (one.value - one.reading)[known & np.isfinite(one.reading)]
+            value, reading = (v[known & np.isfinite(one.reading)] for v in (one.value, one.reading))
+            # what a double's last digits are off by is no change
+            change = np.where(np.isclose(value, reading, rtol=LAST_DIGITS, atol=0.0), 0.0, value - reading)
             size = (float(np.sqrt(np.mean(change**2))), float(np.max(np.abs(change)))) if change.size else (0.0, 0.0)
             changes.append(ChannelChange(one.name, one.unit, *size, float(np.median(one.sigma[known]))))
     return changes

@@ -7,6 +7,7 @@ outside is a slip of the pen or of the unit, not a measurement. What one instrum
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -16,12 +17,14 @@ from types import MappingProxyType
 class Range:
     """From `low` to `high`, both included, in the unit that the quantity's name carries.
 
-    `slip` is what a value outside most likely is, as the end of a sentence; empty where nothing is likely.
+    `slip` is what a value outside most likely is, as the end of a sentence; empty where nothing is likely, as it is for
+    values above `slip_to`.
     """
 
     low: float
     high: float
     slip: str = ""
+    slip_to: float = math.inf
 
     def holds(self, value: float) -> bool:
         """Whether a value can be; never where it is NaN."""
@@ -36,14 +39,15 @@ class Range:
 
     def refusal(self, value: float) -> str:
         """The middle of a message: what came, what can be, and what the slip may be."""
-        return f"{value:g} cannot be; expected {self}{f' ({self.slip}?)' if self.slip else ''}"
+        slip = self.slip if value <= self.slip_to else ""
+        return f"{value:g} cannot be; expected {self}{f' ({slip}?)' if slip else ''}"
 
 
 _KELVIN, _MILLIMETRES, _FRACTION = "is it in kelvin or fahrenheit", "is it in millimetres", "is it in another unit"
 RANGES: Mapping[str, Range] = MappingProxyType(
     {
         # of an air, a sensor's body or its die
-        "temperature_c": Range(-100.0, 150.0, _KELVIN),
+        "temperature_c": Range(-100.0, 150.0, _KELVIN, 150.0 + 273.15),
         # as thermometers read it that are no air's, in an oven or in liquid nitrogen: of thermocouples, types K and B
         # (IEC 60584-1)
         "temperature_reading_c": Range(-270.0, 1820.0, _KELVIN),

@@ -19,7 +19,7 @@ from shockrig.analysis.physics.standard_atmosphere import pressure_altitude_m
 from shockrig.files.flight import Flight
 from shockrig.files.numbers import SINCE_1970_S, counted
 from shockrig.files.profile import HumidityProfile, Profile, ResponseTime
-from shockrig.files.ranges import LIKELY_RANGES, RANGES
+from shockrig.files.ranges import LIKELY_RANGES, RANGES, Range
 
 Array = NDArray[np.float64]
 
@@ -226,7 +226,7 @@ def doubts(flight: Flight) -> list[str]:
     if known.size and (usual := float(np.median(known))) > HOTTEST_C:
         found.append(
             f"temperature_c: half of the readings lie above {usual:.3g} degC, where hardly any air is flown: they may "
-            "be in degF or K, or be the humidity: read the log by a map that names its columns and temperature_unit"
+            f"be {_else(usual)}: read the log by a map that names its columns and temperature_unit"
         )
     percent = flight.humidity_percent[np.isfinite(flight.humidity_percent)]
     if percent.size and 0.0 < percent.max() <= HIGHEST_SHARE and percent.min() > -0.1:
@@ -251,6 +251,17 @@ def doubts(flight: Flight) -> list[str]:
             "unknown, for the altitude too: convert it, or leave it out by renaming its column"
         )
     return found
+
+
+def _else(usual: float) -> str:
+    """What readings may be whose median is too warm for the air's temperature in degC: nothing that would be no air's
+    either."""
+    air = Range(RANGES["temperature_c"].low, HOTTEST_C)
+    units = [unit for unit, in_c in (("degF", (usual - 32.0) / 1.8), ("K", usual - 273.15)) if air.holds(in_c)]
+    others = {"humidity": RANGES["humidity_percent"], "pressure": Range(LEAST_HPA, MOST_HPA)}
+    columns = [name for name, possible in others.items() if possible.holds(usual)]
+    said = [f"in {' or '.join(units)}"] * bool(units) + [f"be the {' or the '.join(columns)}"] * bool(columns)
+    return ", or ".join(said).removeprefix("be ") or "another quantity"
 
 
 def in_air(flight: Flight) -> Flight:

@@ -68,6 +68,12 @@ def without_codes(flight: Flight) -> tuple[Flight, dict[str, Mask]]:
         if codes:
             found |= {f"{quantity} {code:.6g}": rows for code, rows in codes.items()}
             changed[name] = np.where(np.logical_or.reduce(list(codes.values())), np.nan, values)
+    # a receiver without a fix writes 0 for its height as well, which by itself may be one
+    no_fix = [found[f"{name} 0"] for name in ("latitude", "longitude") if f"{name} 0" in found]
+    if no_fix and flight.altitude_m is not None:
+        height = changed.get("altitude_m", flight.altitude_m)
+        if (without := np.logical_or.reduce(no_fix) & (height == 0.0)).any():
+            found["altitude 0"], changed["altitude_m"] = without, np.where(without, np.nan, height)
     flight = replace(flight, **changed)
     if (pascal := _in_pascal(flight.pressure_hpa)).any():
         found[PASCAL], flight = pascal, replace(flight, pressure_hpa=flight.pressure_hpa / 100.0)

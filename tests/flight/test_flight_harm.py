@@ -136,7 +136,7 @@ def test_a_reading_that_stays_leaves_its_step_open_where_no_change_is_near():
     ("wrong", "said"),
     [
         ({"time_s": 1000.0}, "if these are milliseconds"),
-        ({"temperature_c": 1.8}, "be in degF or K"),
+        ({"temperature_c": 1.8}, "be in degF, or be the humidity"),
         ({"swapped": True}, "or be the humidity"),
         ({"pressure_hpa": 0.1}, "it may be in kPa"),
     ],

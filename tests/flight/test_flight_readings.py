@@ -8,7 +8,7 @@ import pytest
 from benchmark_scripts import benchmark
 
 from shockrig.analysis.flight.correct import correct
-from shockrig.analysis.flight.doubts import profile_doubts
+from shockrig.analysis.flight.doubts import doubts, profile_doubts
 from shockrig.analysis.flight.flight_channel import reach
 from shockrig.analysis.flight.screen import DEGF, EXCHANGED, resolution_of, screen, without_codes
 from shockrig.analysis.flight.simulated.scenes import to_flight
@@ -18,6 +18,7 @@ from shockrig.analysis.flight.simulated.weather import convective, frontal
 from shockrig.analysis.flight.stretches import Felt, largest_share, scatter, stuck_rows
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.flight import Flight
+from shockrig.files.flight_figure import changes_of
 from shockrig.files.profile import StatedEffect, Uncertain
 from shockrig.files.ranges import RANGES
 from shockrig.files.sentinels import CODES, coded
@@ -79,6 +80,36 @@ def test_a_code_for_no_value_is_missing_and_counted(rows, code):
     away = beyond(done)
     assert away < 1.0  # before: hundreds of kelvins
     assert not done.flags["not_corrected"].any()
+
+
+def test_a_receiver_without_a_fix_tells_no_height():
+    """Its latitude of 0 was taken as missing, its height of 0 from 20 km up was not."""
+    lost = np.arange(len(FLOWN.log)) % 50 == 7
+    place = np.where(lost, 0.0, 45.1)
+    height = np.where(lost, 0.0, np.linspace(0.0, 20e3, lost.size))
+    changed, found = without_codes(dataclasses.replace(flight(), latitude_deg=place, altitude_m=height))
+    np.testing.assert_array_equal(found["altitude 0"], lost)
+    np.testing.assert_array_equal(np.isnan(changed.altitude_m), lost)
+
+
+@pytest.mark.parametrize(
+    ("usual", "said"),
+    [(70.0, "in degF, or be the humidity"), (290.0, "in K, or be the pressure"), (994.0, "the pressure")],
+)
+def test_a_temperature_that_is_none_is_said_to_be_what_it_may_be(usual, said):
+    """994 was said to be degF or K, or the humidity: it is a pressure."""
+    assert any(f"they may be {said}: " in one for one in doubts(flight(temperature_c=lambda v: 0.01 * v + usual)))
+    assert "fahrenheit" not in RANGES["temperature_c"].refusal(994.0)
+    assert "fahrenheit" in RANGES["temperature_c"].refusal(290.0)
+
+
+def test_last_digits_are_no_change():
+    """ "humidity: changed by 1.7 × 10⁻¹⁵ %RH rms" was said of readings that were given as they came."""
+    done = correct(flight(), PROFILE)
+    same = dataclasses.replace(
+        flight(), temperature_c=done.temperature_c * (1.0 + 2e-16), humidity_percent=done.humidity_percent
+    )
+    assert [one.rms for one in changes_of(same, done)] == [0.0, 0.0]
 
 
 def test_a_code_is_one_where_the_log_jumps_to_it_and_a_reading_where_it_goes_there():

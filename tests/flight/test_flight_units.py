@@ -126,7 +126,7 @@ def test_a_unit_that_is_not_known_is_named_and_refused(tmp_path, capsys, head, p
     ("change", "said"),
     [
         (dict(temperature=lambda t: to_f(t) + 20.0), "degF"),
-        (dict(temperature=lambda t: t + 273.15), "degF or K"),
+        (dict(temperature=lambda t: t + 273.15), "be in K"),
         (dict(altitude=to_ft), "feet"),
         (dict(altitude=lambda m: m / 1000), "another unit"),
         (dict(humidity=lambda h: h / 100), "fractions of 1"),
