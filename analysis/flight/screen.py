@@ -3,8 +3,9 @@ possible.
 
 A reading is implausible outside what its quantity can be, where it stands alone against the median around it, beside
 such ones and far from what is read on either side, or between two jumps that the sensor's lag lets nothing make; it is
-repeated where it equals the one before although the noise is wider than the resolution, or where it stays about one
-level although the sensor is noisier; a repeat is used all the same where the resolution explains it.
+repeated where it equals the one before although the noise is wider than the resolution, and readings do not go on by
+one step of it at a time, or where it stays about one level although the sensor is noisier; a repeat is used all the
+same where the resolution explains it.
 """
 
 from __future__ import annotations
@@ -418,7 +419,9 @@ def screen(
     same_time = np.diff(time_s[rows], prepend=-np.inf) <= 0
     same_value = np.diff(reading[rows], prepend=np.inf) == 0
     # where the resolution is coarser than the noise, equal neighbours are the rule and each tells something
-    repeated[rows] = same_time | (same_value & (resolution < 1.5 * noise) & (not by_steps))
+    coarser = np.full(rows.shape, by_steps or resolution >= 1.5 * noise)
+    coarser |= _step_by_step(reading[rows], resolution, noise)
+    repeated[rows] = same_time | (same_value & ~coarser)
     usable = believed & ~(repeated & ~_by_chance(reading, rows, same_time, same_value, resolution))
     stuck = stretches.stood if by_steps else stretches.stood | stretches.stuck
     usable &= ~stuck
@@ -571,6 +574,24 @@ def _unusual(size: Array, noise: float, resolution: float) -> Mask:
         around = AROUND_SIGMAS * MAD_TO_SIGMA * np.max(beside, axis=0)
         unusual &= size > np.hypot(around, LONE_SIGMAS * resolution)
     return np.asarray(unusual)
+
+
+def _step_by_step(values: Array, resolution: float, noise: float) -> Mask:
+    """Readings (n,) about which more changes in a row are by one step of the log than noise alone makes so: it is less
+    there than stated, as a hygrometer's is where the air is dry, and a reading that stays is no repeat."""
+    found = np.zeros(values.shape, dtype=bool)
+    change = np.diff(values)
+    at = np.flatnonzero(change)
+    moved, farther = (1.0 - within(steps * resolution, np.sqrt(2.0) * noise) for steps in (0.5, 1.5))
+    if not 0.0 < farther < moved:
+        return found
+    fewest = np.log(BY_CHANCE) / np.log(1.0 - farther / moved)
+    single = np.abs(change[at]) < 1.5 * resolution
+    bounds = np.concatenate([[0], at + 1, [values.size]])
+    for first, behind in np.flatnonzero(np.diff(single, prepend=False, append=False)).reshape(-1, 2).tolist():
+        if behind - first >= fewest:
+            found[bounds[first] : bounds[behind + 1]] = True
+    return found
 
 
 def _by_chance(reading: Array, rows: NDArray[np.int64], same_time: Mask, same_value: Mask, resolution: float) -> Mask:
