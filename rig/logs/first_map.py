@@ -153,6 +153,8 @@ def _recognised(first: Scan, refused: Sequence[ImpossibleError] = (), several: S
         has = ", ".join(first.names)
         if guess.clock is None and (counting := counters(first.names)):
             has += f"; a count of rows is no clock: {', '.join(counting)}"
+        if first.unheld:
+            has += f"; rows hold no cell for {', '.join(first.unheld)}, or for others"
         when = CLOCK_LINE if guess.clock is None else f"time = {_list(guess.clock.columns)}"
         if not first.header_line:
             row, width = first.numbers[0], len(first.names)

@@ -152,6 +152,12 @@ def read_rows(
         _sentence(count, f"line {reason.replace('that repeat ', 'that repeats ')}", f"lines {reason}", where)
         for reason, (count, where) in lines.odd.items()
     ]
+    if lines.unheld:
+        remarks.append(
+            f"rows hold {len(lines.names)} cells, too few for the line of names: the first of these are taken for "
+            f"them, without {', '.join(map(repr, lines.unheld))}; if others lack, a map with header_line = 0 numbers "
+            "the columns"
+        )
     where = f"{shown(path)}, column {', '.join(clock.columns)}"
 
     def stamp(row: int) -> str:

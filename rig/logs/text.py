@@ -61,7 +61,8 @@ class Scan:
     """A log as lines: where its rows are and what its columns are called.
 
     `names` are unique: of columns that share a name the later ones are "name #2" and so on; `units` are what stands
-    in a row of its own under the names. `rows` are the lines of the data.
+    in a row of its own under the names. `rows` are the lines of the data, and `unheld` the names behind those, of which
+    no row holds a cell.
     """
 
     path: Path
@@ -73,6 +74,7 @@ class Scan:
     metadata: tuple[str, ...]
     rows: Lines
     odd: dict[str, tuple[int, int]]  # reason -> (how many lines, the first one's number)
+    unheld: tuple[str, ...] = ()
 
     def cells(self, rows: Iterable[str]) -> list[list[str]]:
         """Lines of the data as stripped cells."""
@@ -151,7 +153,9 @@ def _scan(path: Path, layout: Layout) -> Scan:
     above = int(np.searchsorted(kept.places, plain.places[first]))
     metadata = tuple(kept[i].strip() for i in range(above) if kept.number(i) != header_line)
     decimal = layout.decimal or _decimal(_some(rows), separator)
-    return Scan(path, separator, decimal, header_line, names, units, metadata, rows, odd)
+    named = [cell.strip() for cell in header or ()]
+    unheld = tuple(filter(None, named[width:])) if sum(map(bool, named)) > width else ()
+    return Scan(path, separator, decimal, header_line, names, units, metadata, rows, odd, unheld)
 
 
 def _of_one(

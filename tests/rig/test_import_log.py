@@ -376,6 +376,18 @@ def test_hours_minutes_and_seconds_in_a_column_each_are_times_of_day(names):
     assert list(clock.columns) == first
 
 
+def test_names_that_rows_hold_no_cell_for_are_said(tmp_path, capsys):
+    """The names were taken from the left without a word: whichever columns a logger left out, all behind it stood under
+    another's name."""
+    lines = lines_of("time_s;temperature_c;humidity_percent;altitude_m;lat", lambda t, a, b, n: f"{t:.2f};{a};{b}")
+    log = written(tmp_path / "log.csv", text(lines))
+    assert run(log, "--look", "--out", tmp_path) == 0
+    assert "rows hold 3 cells, too few for the line of names" in capsys.readouterr().out
+    lines = lines_of("time;lat;lon;temperature_c", lambda t, a, b, n: f";{a};{b}")
+    assert run(written(tmp_path / "shifted.csv", text(lines)), "--look", "--out", tmp_path) == 2
+    assert "rows hold no cell for temperature_c, or for others" in capsys.readouterr().err
+
+
 def test_dates_with_times_of_day_that_go_on_are_the_clock_whatever_their_column_is_called(tmp_path, capsys):
     """As a feed that is downloaded has them, far behind; a date that stands still there is when something was made."""
     stamped = date("%Y-%m-%d %H:%M:%S.%f -0800")
