@@ -814,6 +814,14 @@ def _of_stairs(
     own = np.sqrt(np.maximum(noise_variance[on.row] - steps**2 / 12.0, 0.0))
     given = on.track, on.bridged, variance, steps, own
     found, local, sites = _within_steps(*given, jumps, local, strengths)
+    if (share := _share_of_noise(np.round((on.bridged / steps)[on.measured]), (own / steps)[on.measured])) < 1.0:
+        less = on.track, on.bridged, variance - (1.0 - share**2) * own**2, steps, share * own
+        quiet = _within_steps(*less, jumps, local, strengths)
+        both = (found, sites, own), (quiet[0], quiet[2], share * own)
+        stated, told = (float(log_likelihood(f, *s, on.bridged, steps, n).sum()) for f, s, n in both)
+        # either may be so until the flight is looked at
+        if told - stated > np.log(own.size):
+            (found, local, sites), given, own = quiet, less, share * own
     # stairs pass for turbulence that is as strong as a jump, so these are looked for once more
     everywhere = np.ones(variance.shape, dtype=bool)
     scored, _, more, _ = with_jumps(
@@ -999,6 +1007,17 @@ def _within_steps(
     local = scaled(of_segments)
     found, sites = fine(with_rate(typical), local, sites)
     return found, local, sites
+
+
+def _share_of_noise(level: Array, noise: Array) -> float:
+    """The share of the stated noise (m,), in steps, that lets a level (m,) change as seldom as it does; 1 at most.
+
+    Over air that goes through a step evenly, noise of sigma makes 2 sigma / sqrt(pi) of the rows differ from the one
+    before; where the air goes on, more do.
+    """
+    usual = float(np.median(noise))
+    seldom = 0.5 * float(np.sqrt(np.pi)) * (np.count_nonzero(np.diff(level)) + 1) / level.size
+    return min(seldom / usual, 1.0) if usual > 0.0 else 1.0
 
 
 def _lone_readings(track: Track, values: Array, variance: Array, found: Sweep, jumps: Jumps) -> NDArray[np.bool_]:
