@@ -135,7 +135,7 @@ def ridge(problem: Problem, found: Fit, disturbances: Sequence[tuple[Array, Arra
         """The lowest place across the ridge."""
         for _ in range(RIDGE_LOOKS):
             z, arrow = looked(theta)
-            right, _ = arrow.right_sides(-z, at_rest, known**2 * (start - theta))
+            right, _ = arrow.right_sides(-z, arrow.run_sides(-z, at_rest), known**2 * (start - theta))
             normal = across.T @ arrow.normal @ across
             theta = np.clip(theta + across @ np.linalg.lstsq(normal, across.T @ right, rcond=None)[0], low, high)
         return theta

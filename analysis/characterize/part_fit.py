@@ -314,7 +314,8 @@ def joint_rows(
         relative = float(np.hypot(formal, disagree))
         low, high = np.log(RATE_BOUNDS_PER_S)
         response = None
-        if 0.0 < relative and low < found.theta[g] < high:
+        # Beside another lag a body may be as fast as it likes.
+        if 0.0 < relative and (low < found.theta[g] < high or found.structure.of_sensor().effects):
             response = response_time(channel, found, g)
         # With two time constants in the model either may be the body's: how fast the sensor is, is told all the same.
         if response is None or not min(relative, _relative(_wider(response, disagree))) < WORST_RELATIVE:

@@ -82,12 +82,23 @@ class Arrow:
         coupled, solved = self._coupled
         return np.asarray(np.swapaxes(self.jacobian, 1, 2) @ self.jacobian - np.swapaxes(coupled, 1, 2) @ solved)
 
-    def right_sides(self, residual: Array, deviations: Array, pull: Array) -> tuple[Array, Array]:
+    @cached_property
+    def _own_weights(self) -> tuple[Array, Array]:
+        """The diagonal of the equations: of the runs' random effects (R, U) and of theta (P,)."""
+        return np.diagonal(self.blocks, axis1=1, axis2=2), (self.jacobian**2).sum(axis=(0, 1)) + self.prior_weight
+
+    def damped(self, damping: float) -> Arrow:
+        """The equations with every unknown held back by so much of its own weight (Marquardt 1963, doi
+        10.1137/0111030): the more, the shorter a step and the nearer to the steepest descent."""
+        runs, theta = self._own_weights
+        return replace(self, weight=self.weight + damping * runs, prior_weight=self.prior_weight + damping * theta)
+
+    def right_sides(self, residual: Array, own: Array, pull: Array) -> tuple[Array, Array]:
         """Right side of theta (P,), and the runs' steps at an unmoved theta (R, U).
 
-        `residual` (R, n) is whitened and taken at `deviations` (R, U); `pull` (P,) is what the prior adds for theta.
+        `residual` (R, n) is whitened; `own` (R, U) are the right sides of the runs' random effects, `pull` (P,) is what
+        the prior adds for theta.
         """
-        own = self.run_sides(residual, deviations)
         steps: Array = np.asarray(np.linalg.solve(self.blocks, own[..., None])[..., 0])
         coupled, _ = self._coupled
         right = self.jacobian.reshape(-1, self.jacobian.shape[-1]).T @ residual.ravel()
@@ -95,7 +106,7 @@ class Arrow:
         return right, steps
 
     def run_sides(self, residual: Array, deviations: Array) -> Array:
-        """The right sides of the runs' random effects (R, U), as in `right_sides`."""
+        """The right sides of the runs' random effects (R, U), of a whitened residual (R, n) taken at these."""
         return np.asarray((self._turned @ residual[..., None])[..., 0] - self.weight * deviations)
 
     def run_steps(self, steps: Array, move: Array) -> Array:

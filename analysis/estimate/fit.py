@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from shockrig.analysis.estimate.channel import Channel, as_single_samples
 from shockrig.analysis.estimate.effect import DIFFERS_BY, TINY_STRENGTH, Effect
 from shockrig.analysis.estimate.model import LEAST_TRIGGER_OFFSET_S, TRIGGER, Model, Point, Structure
 from shockrig.analysis.estimate.problem import (
+    UNVENTILATED_LIMIT,
     OwnRates,
     Problem,
     likeliest,
@@ -32,7 +33,8 @@ Array = NDArray[np.float64]
 OBJECTIVE_TOLERANCE = 0.02  # drop of the objective at which a fit ends
 MOST_STEPS = 40  # of Gauss and Newton, of a fit that does not end before
 MOST_TRIES = 7  # of a step, each damped more
-DEVIATION_FACTOR = 0.35  # a run's random effects go that much less far at each
+LEAST_DAMPING = 1e-6  # from which the tries go up
+NEAR_FIRST = 0.01  # of a sampling period, that a start stays before its record's first reading
 LONGEST_RUN_STEP = 20.0  # of a run's random effects, in standard deviations
 LAST_DIGITS, FIRST_DIGITS = 2e-4, 1e-3  # of a misfit, by which a step must lower it where the model is wrong
 FAR_OFF = 10.0  # objective per bin from which the first digits do
@@ -336,22 +338,25 @@ def _descend(
     objective, arrow = at.objective(problem, model), at.arrow(problem, model)
     damping, converged, wary = 1e-3, False, False
     airs_open = not problem.channel.conditions.airs_known.all()
+    changed = 0.0  # by which the rates' scatter was last taken over, in its logarithm
     for _ in range(iterations):
         pull = prior_weight * (prior_mean - at.point.theta)
-        right, steps = arrow.right_sides(at.residual, at.point.deviations, pull)
-        # Parameters that stand at a bound and are pushed outwards are held there.
-        held = ((at.point.theta <= low) & (right < 0)) | ((at.point.theta >= high) & (right > 0))
-        free = ~held & (not hold_theta)
-        scale = np.diag(arrow.normal)[free]
+        first, last = _starts_on_their_side(problem, at.point)
+        held_arrow, own = _with_starts_held(arrow, at, first, last)
         new: Linearised | None = None
         for tried in range(MOST_TRIES):
-            damped = arrow.normal[np.ix_(free, free)] + np.diag(damping * scale + 1e-9)
+            damped = held_arrow.damped(damping if tried or wary else 0.0)  # whole steps while they hold
+            right, steps = damped.right_sides(at.residual, own, pull)
+            # Parameters that stand at a bound and are pushed outwards are held there.
+            held = ((at.point.theta <= low) & (right < 0)) | ((at.point.theta >= high) & (right > 0))
+            free = ~held & (not hold_theta)
             move = np.zeros(low.size)
-            move[free] = np.linalg.lstsq(damped, right[free], rcond=None)[0]
+            move[free] = np.linalg.lstsq(damped.normal[np.ix_(free, free)], right[free], rcond=None)[0]
             trial = np.clip(at.point.theta + np.clip(move, -reach, reach), low, high)
-            shift = arrow.run_steps(steps, trial - at.point.theta) * DEVIATION_FACTOR**tried
-            shift = np.clip(shift, -furthest, furthest)
-            point = Point(trial, at.point.deviations + shift)
+            shift = damped.run_steps(steps, trial - at.point.theta)
+            after = at.point.deviations + np.clip(shift, -furthest, furthest)
+            after[:, RunEffect.START] = np.clip(after[:, RunEffect.START], first, last)
+            point = Point(trial, after)
             # Where a step has just failed the next may too: its sensitivities wait until it holds. So do those that
             # airs are still to be found for.
             if wary or tried or airs_open:
@@ -361,7 +366,7 @@ def _descend(
                 reached = new.objective(problem, model)
             if np.isfinite(reached) and reached <= objective + 1e-9:
                 break
-            damping = min(damping * 12, 1e6)
+            damping = 12 * damping if tried or wary else damping
         else:
             converged = True
             break
@@ -369,11 +374,12 @@ def _descend(
         at = new or _linearise(problem, model, point, hold_theta)
         gain, objective = objective - reached, reached
         arrow = at.arrow(problem, model)
-        damping = max(damping / 8, 1e-9)
+        damping = max(damping / 8, LEAST_DAMPING)
         if adapt_scatter:
-            adapted = _adapted(problem, model, arrow, at.point)
+            adapted = _adapted(problem, model, arrow, at.point, changed)
             if adapted is not problem:
-                problem = adapted
+                changed = float(np.log(adapted.rate_scatter / problem.rate_scatter)) or changed
+                problem, furthest = adapted, _longest_run_steps(adapted)
                 objective, arrow = at.objective(problem, model), at.arrow(problem, model)
                 continue
         # Where the model is plainly wrong, the last digits of its misfit tell nothing.
@@ -384,21 +390,58 @@ def _descend(
     return _finished(problem, model, at, arrow, objective, converged)
 
 
+def _starts_on_their_side(problem: Problem, at: Point) -> tuple[Array, Array]:
+    """Between what a step leaves each run's start (R,): on its side of the first reading where a record begins in its
+    response.
+
+    Just past it that reading would be of the air before, and airs and rates that made it part of a response are far
+    from that. On which side it lies the starts decide that fits begin from.
+    """
+    first_s, now = problem.channel.begun_s, at.deviations[:, RunEffect.START]
+    late, near_s = now >= first_s, NEAR_FIRST * problem.channel.sampling_period_s
+    shown = first_s == 0.0
+    return np.where(shown | ~late, -np.inf, first_s), np.where(shown | late, np.inf, first_s - near_s)
+
+
+def _with_starts_held(arrow: Arrow, at: Linearised, first: Array, last: Array) -> tuple[Arrow, Array]:
+    """An arrow, and its runs' right sides (R, U), by which starts that stand at a bound and are pushed past it stay."""
+    own, now = arrow.run_sides(at.residual, at.point.deviations), at.point.deviations[:, RunEffect.START]
+    pushed = own[:, RunEffect.START]
+    held = ((now <= first) & (pushed < 0)) | ((now >= last) & (pushed > 0))
+    if not held.any():
+        return arrow, own
+    sensitivities = arrow.run_jacobian.copy()
+    sensitivities[held, :, RunEffect.START], own[held, RunEffect.START] = 0.0, 0.0
+    return replace(arrow, run_jacobian=sensitivities), own
+
+
 def _longest_run_steps(problem: Problem) -> Array:
-    """How far one step may move each run's random effects (R, U): what is known nearly, far; what is not, a little."""
+    """How far one step may move each run's random effects (R, U): what is known nearly, far; what is not, a little.
+
+    Its rate as far as rates ever scatter, however little these do so far.
+    """
     c = problem.channel.conditions
     longest = LONGEST_RUN_STEP * problem.scatter
+    longest[:, RunEffect.RATE] = UNVENTILATED_LIMIT
     longest[~c.start_known, RunEffect.START] = problem.scatter[~c.start_known, RunEffect.START]
     for air in (RunEffect.SOURCE, RunEffect.DESTINATION):
         longest[~c.airs_known, air] = problem.scatter[~c.airs_known, air]
     return longest
 
 
-def _adapted(problem: Problem, model: Model, arrow: Arrow, at: Point) -> Problem:
-    """The problem with the scatters that the runs make most likely; itself where those are about what it has."""
+def _adapted(problem: Problem, model: Model, arrow: Arrow, at: Point, changed: float) -> Problem:
+    """The problem with the scatters that the runs make most likely; itself where those are about what it has.
+
+    Rates are told by how far each run may have one of its own and the other way round. Where what a step says of them
+    sends their scatter back from its last change (in its logarithm), it goes half of that: it ends in between, and not
+    to and fro.
+    """
     scatter = likeliest(_own_rates(arrow, at.deviations, model), problem.rate_scatter_limit)
-    if abs(np.log(scatter / problem.rate_scatter)) >= ADAPTED_FROM:
-        problem = problem.with_rate_scatter(scatter)
+    change = float(np.log(scatter / problem.rate_scatter))
+    if change * changed < 0.0:
+        change = float(np.clip(change, -0.5 * abs(changed), 0.5 * abs(changed)))
+    if abs(change) >= ADAPTED_FROM:
+        problem = problem.with_rate_scatter(problem.rate_scatter * float(np.exp(change)))
     if (effect := model.structure.scattering) is not None:
         own = _own(arrow, at.deviations, RunEffect.STRENGTH)
         usual = abs(model.choice(at.theta).get(f"{effect.id}.{effect.differs_in}", 1.0))

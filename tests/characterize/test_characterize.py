@@ -82,8 +82,8 @@ def test_the_folder_holds_profile_table_plots_and_a_page_that_needs_nothing_else
     assert len(used) + sum(e["channel"] == "temperature" for e in left_out) == 33
 
 
-def test_either_search_may_end_far_off_and_not_both(monkeypatch):
-    """The fit begins from whichever left less: one that ends at the edge of the rates costs nothing."""
+def test_the_searches_may_end_far_off(monkeypatch):
+    """The fit begins from whichever left less, and finds its way from the edge of the rates."""
 
     def astray(misfit, *_):
         edge = float(np.log(RATE_BOUNDS_PER_S[0]))
@@ -100,8 +100,7 @@ def test_either_search_may_end_far_off_and_not_both(monkeypatch):
             assert alpha() == pytest.approx(stated, rel=1e-6)
     monkeypatch.setattr(part_fit, "evolve", astray)
     monkeypatch.setattr(part_fit, "descend", astray)
-    with pytest.raises(InputError, match="no sensor can be characterized"):
-        alpha()
+    assert alpha() == pytest.approx(stated, rel=1e-6)
 
 
 def test_it_prints_alpha_the_table_and_where_the_report_is(command):

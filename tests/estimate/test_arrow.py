@@ -56,13 +56,29 @@ def test_one_step_solves_the_whole_system(case):
     pull = arrow.prior_weight * rng.standard_normal(P)
     below = runs.T @ residual.ravel() - (arrow.weight * deviations).ravel()
     expected = np.linalg.solve(whole, np.concatenate([jacobian.T @ residual.ravel() + pull, below]))
-    right, steps = arrow.right_sides(residual, deviations, pull)
+    own = arrow.run_sides(residual, deviations)
+    right, steps = arrow.right_sides(residual, own, pull)
     move = np.linalg.solve(arrow.normal, right)
     assert move == pytest.approx(expected[:P], rel=1e-7)
     assert arrow.run_steps(steps, move) == pytest.approx(expected[P:].reshape(R, U), rel=1e-6, abs=1e-9)
     # At an unmoved theta each run's step is that of its own block.
-    own = np.linalg.solve(whole[P:, P:], below).reshape(R, U)
-    assert steps == pytest.approx(own, rel=1e-7, abs=1e-10)
+    alone = np.linalg.solve(whole[P:, P:], below).reshape(R, U)
+    assert steps == pytest.approx(alone, rel=1e-7, abs=1e-10)
+
+
+@pytest.mark.parametrize("damping", [1e-2, 1.0, 1e6])
+def test_damping_holds_every_unknown_back_by_its_own_weight(case, damping):
+    arrow, residual, deviations, rng = case
+    jacobian, runs, whole = dense(arrow)
+    pull = arrow.prior_weight * rng.standard_normal(P)
+    own = arrow.run_sides(residual, deviations)
+    downhill = np.concatenate([jacobian.T @ residual.ravel() + pull, own.ravel()])
+    expected = np.linalg.solve(whole + damping * np.diag(np.diag(whole)), downhill)
+    damped = arrow.damped(damping)
+    right, steps = damped.right_sides(residual, own, pull)
+    move = np.linalg.solve(damped.normal, right)
+    assert move == pytest.approx(expected[:P], rel=1e-4)
+    assert damped.run_steps(steps, move) == pytest.approx(expected[P:].reshape(R, U), rel=1e-4, abs=1e-9)
 
 
 def test_variances_and_determinant_of_the_runs_random_effects(case):
