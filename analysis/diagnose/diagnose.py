@@ -115,7 +115,7 @@ def diagnose_channel(
     predicting = Predicting(found.best, final, causes, (*forms, *shown))
     # What is adequate leaves no more than chance: what leaves less of these runs may be anything in others.
     if said in OPEN or (said == "explained" and outdone(problem, found)):
-        predicting = predicting_model(ready, found, predicting, shown)
+        predicting = predicting_model(ready, found, predicting, shown, whole=said not in OPEN)
     return ChannelDiagnosis(
         name=channel.name,
         verdict=said,

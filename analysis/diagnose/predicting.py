@@ -30,11 +30,13 @@ MOST_PREDICTING = 12  # models of each of two orders that are tried beside the s
 AS_GOOD = 1.0
 
 
-def predicting_model(ready: Prepared, found: Search, stands: Predicting, shown: tuple[Discovered, ...]) -> Predicting:
+def predicting_model(
+    ready: Prepared, found: Search, stands: Predicting, shown: tuple[Discovered, ...], whole: bool
+) -> Predicting:
     """The model that predicts best: of the heaviest, of those that leave least of their runs for what they take, of
     what one would fit without a catalogue, and the stated and the plain one, each fitted as it is judged, the one that
-    then leaves least, and of those that leave as little the likeliest; the stated one as it stands where runs tell no
-    more of any.
+    then leaves least, and of those that leave as little the likeliest; the stated one as it stands where no reading is
+    left to it (`whole`) and runs tell no more of any.
 
     A name has to be sure, a prediction only good: models whose effects say nothing may predict as well. And no name
     asks what a run would do that nobody has seen: it has none of the rates that runs have of their own. At those,
@@ -52,7 +54,7 @@ def predicting_model(ready: Prepared, found: Search, stands: Predicting, shown: 
     left = [float(run_errors(channel, problem, judged).mean()) for _, judged in tried]
     before, losses = float(run_errors(channel, problem, found.best.fit).mean()), [_loss(channel, one) for one in left]
     least = min(losses, default=np.inf)
-    if not _loss(channel, before) - least > AS_GOOD:
+    if not tried or (whole and not _loss(channel, before) - least > AS_GOOD):
         return stands
     as_good = [i for i, loss in enumerate(losses) if loss - least <= AS_GOOD]
     chosen = max(as_good, key=lambda i: tried[i][0].value)

@@ -11,6 +11,7 @@ from shockrig.analysis.diagnose.extended_profile import extended_result
 from shockrig.analysis.diagnose.held_out import plainly, run_errors
 from shockrig.analysis.diagnose.prepare import prepare
 from shockrig.analysis.diagnose.race import Race
+from shockrig.analysis.diagnose.refitting import as_judged
 from shockrig.analysis.diagnose.search import search
 from shockrig.analysis.diagnose.thresholds import THRESHOLDS
 from shockrig.analysis.estimate.gather import build_channel
@@ -58,6 +59,16 @@ def test_an_effect_that_is_not_sure_enough_to_be_named_predicts_all_the_same(cha
     assert carried and set(carried) == found.predicting.model.ids
     said = predicting_sentence(found)
     assert all(effect.replace("_", " ") in said for effect in carried) and said.endswith(" K.")
+
+
+def test_what_is_wrong_by_something_predicts_as_it_is_judged(channels, monkeypatch):
+    """Before: as it had been fitted, where runs told no more of that; with rates of their own beside what is no noise,
+    an incubator's runs were predicted half as well."""
+    monkeypatch.setattr(diagnose, "verdict", lambda standing: "unexplained")
+    found = diagnose_channel(channels[0], describing=False)
+    judged = as_judged(found.problem, found.predicting.model.fit)
+    assert found.verdict == "unexplained" and found.predicting.fit is not found.final
+    assert judged is not None and found.predicting.fit.theta == pytest.approx(judged.theta, rel=1e-6)
 
 
 def test_what_leaves_less_predicts_though_the_verdict_is_that_nothing_is_left(channels, monkeypatch):
