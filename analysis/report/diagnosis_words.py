@@ -453,7 +453,8 @@ PREDICTS = "What predicts other runs, and a profile carries where one can be mad
 
 
 def predicting_sentence(found: ChannelDiagnosis) -> str:
-    """What the model that predicts has that the stated one has not, and why it predicts; empty where it is the same."""
+    """What the model that predicts has that the stated one has not, and why it predicts; empty where it is the same, or
+    leaves the same."""
     best, other = found.search.best, found.predicting.model
     if found.predicting.errors is None:
         return ""
@@ -465,7 +466,9 @@ def predicting_sentence(found: ChannelDiagnosis) -> str:
         return listed([label(e) + shares[e] for e in sorted(ids)])
 
     stated, own = found.predicting.errors
-    digits = next((n for n in range(2, 6) if plain(own, n) != plain(stated, n)), 2)
+    digits = next((n for n in range(2, 6) if plain(own, n) != plain(stated, n)), None)
+    if digits is None:
+        return ""
     missed = f"misses them by {plain(own, digits)}, not {plain(stated, digits)} {UNIT[found.name]}"
     why = f"At the rate that runs have in common it {missed}"
     if other is best:
