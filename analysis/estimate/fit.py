@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 # all u_i together, linearised at each run's own estimate u_i.
 
 OBJECTIVE_TOLERANCE = 0.02  # drop of the objective at which a fit ends
-MOST_STEPS = 40  # of Gauss and Newton, of a fit that does not end before
+MOST_STEPS = 80  # of Gauss and Newton, of a fit that does not end before: bent valleys take many short ones
 MOST_TRIES = 7  # of a step, each damped more
 LEAST_DAMPING = 1e-6  # from which the tries go up
 NEAR_FIRST = 0.01  # of a sampling period, that a start stays before its record's first reading
