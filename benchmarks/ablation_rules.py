@@ -57,7 +57,7 @@ def _second(_: Any, thing: Any, *__: Any, **___: Any) -> Any:
     return thing
 
 
-def _stated(ready: Any, found: Any, stands: Any, shown: Any) -> Any:
+def _stated(ready: Any, found: Any, stands: Any, shown: Any, whole: bool) -> Any:
     return stands
 
 

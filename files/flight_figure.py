@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
-LAST_DIGITS = 1e-12  # of a double that was converted to and fro
+LAST_DIGITS = 1e-12  # of a value converted to and fro: a double's are at 2e-16, a log's own at 1e-7
 COVERAGE = 1.96  # standard uncertainties of a 95 % band
 SHOWN_SHARE = 0.97  # of the rows whose band is within the panel
 

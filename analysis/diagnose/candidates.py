@@ -167,7 +167,7 @@ def may_be_anything(effect: Effect, parameters: Mapping[str, tuple[float, float]
     return [name for name in open_ if parameters[name][1] > level("anything") * abs(parameters[name][0])]
 
 
-def tells_nothing(effect: Effect, parameters: Mapping[str, tuple[float, float]]) -> bool:
+def says_nothing_at_all(effect: Effect, parameters: Mapping[str, tuple[float, float]]) -> bool:
     """Whether a fit says nothing of any of an effect's numbers: none is surer than its whole range is wide."""
     open_ = may_be_anything(effect, parameters)
     wide = (p.name for p in effect.parameters if not p.log and parameters[p.name][1] > p.high - p.low)

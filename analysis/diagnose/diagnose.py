@@ -16,7 +16,7 @@ from shockrig.analysis.characterize.shifts import widened
 from shockrig.analysis.checks.campaign_checks import Checked, checked
 from shockrig.analysis.checks.finding import InputFinding
 from shockrig.analysis.diagnose.adequacy import judge
-from shockrig.analysis.diagnose.candidates import tells_nothing
+from shockrig.analysis.diagnose.candidates import says_nothing_at_all
 from shockrig.analysis.diagnose.cannot_tell import cannot_tell, left_open, mostly_unsettled
 from shockrig.analysis.diagnose.diagnosed import ChannelDiagnosis, Diagnosis, Predicting
 from shockrig.analysis.diagnose.gain import Gain, HeldOutPart, held_out_parts, measure_gain
@@ -89,7 +89,7 @@ def diagnose_channel(
         # As uncertain as what the model is wrong by, and what it does not carry, make it.
         final = widened(problem, as_stated(problem, found.best.fit, bumps(problem), sigma, remainder.significant))
         own = [one for one in final.structure.effects if one.id not in found.plain.ids]
-        empty = frozenset(one.id for one in own if tells_nothing(one, final.values()[one.id]))
+        empty = frozenset(one.id for one in own if says_nothing_at_all(one, final.values()[one.id]))
         if not empty:
             break
         # What was sound to within the noise may be anything, as far as runs agree on it.

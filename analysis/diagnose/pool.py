@@ -136,12 +136,15 @@ class Search:
 
     def without_best(self) -> Search:
         """The search where the best model is out: the others, weighed anew."""
-        pool, weight = heaviest_first(one for one in self.pool if one is not self.best)
-        return stated(replace(self, pool=pool, weights=weight))
+        return self._among(one for one in self.pool if one is not self.best)
 
     def without(self, effects: frozenset[str]) -> Search:
         """The search where no model has any of some effects: the others, weighed anew."""
-        pool, weight = heaviest_first(one for one in self.pool if not one.ids & effects)
+        return self._among(one for one in self.pool if not one.ids & effects)
+
+    def _among(self, models: Iterable[Rated]) -> Search:
+        """The search among some of its models, weighed anew."""
+        pool, weight = heaviest_first(models)
         return stated(replace(self, pool=pool, weights=weight))
 
     def tied(self) -> list[Rated]:

@@ -90,6 +90,8 @@ class Arrow:
     def damped(self, damping: float) -> Arrow:
         """The equations with every unknown held back by so much of its own weight (Marquardt 1963, doi
         10.1137/0111030): the more, the shorter a step and the nearer to the steepest descent."""
+        if damping == 0.0:
+            return self  # with what it has solved already
         runs, theta = self._own_weights
         return replace(self, weight=self.weight + damping * runs, prior_weight=self.prior_weight + damping * theta)
 

@@ -366,7 +366,8 @@ def _descend(
                 reached = new.objective(problem, model)
             if np.isfinite(reached) and reached <= objective + 1e-9:
                 break
-            damping = 12 * damping if tried or wary else damping
+            if tried or wary:
+                damping *= 12
         else:
             converged = True
             break

@@ -57,7 +57,7 @@ def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequ
     columns = {name: [row[k] for row in rows] for k, name in enumerate(names)}
     if (by_parts := _in_parts(columns)) is not None:
         return by_parts
-    unit_of = {name: unit_in_name(name) or unit_in_name(f"x [{units[k]}]") for k, name in enumerate(names)}
+    unit_of = {name: unit_of_clock(name, units[k]) for k, name in enumerate(names)}
     called = [name for name in names if is_called_time(name)]
     for name in [*called, *names[:3]]:
         format_, doubt = guess_format(columns[name])
@@ -91,6 +91,11 @@ def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequ
         if (clock := counted_clock(name, columns[name], unit_of[name], named=False)) is not None:
             return clock
     return None
+
+
+def unit_of_clock(name: str, under: str) -> str | None:
+    """The unit of a column of times by its name, or by what a line of units says `under` it."""
+    return unit_in_name(name) or unit_in_name(f"x [{under}]")
 
 
 def not_read(columns: Mapping[str, Sequence[str]]) -> tuple[str, str] | None:

@@ -15,7 +15,7 @@ from shockrig.files.spelling import did_you_mean
 from shockrig.files.unit_names import EPOCH, UNITS, quantity_of, unit_in_name
 from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.logs.changes import LogPiece, code_of, noise_of, without_spikes
-from shockrig.rig.logs.clock_columns import counted_clock, guess_clock, guess_format
+from shockrig.rig.logs.clock_columns import counted_clock, guess_clock, guess_format, unit_of_clock
 from shockrig.rig.logs.log import Column, Log, over_time, read_rows
 from shockrig.rig.logs.mapping import LogMap, SensorMap, columns_of
 from shockrig.rig.logs.stamps import NUMBERS, TimeColumns
@@ -182,7 +182,7 @@ def _clock(map_: LogMap, lines: Scan) -> TimeColumns | None:
     format_ = map_.time_format or (NUMBERS if map_.time_unit is not None else None)
     if format_ is None and len(columns) == 1:
         place = lines.names.index(columns[0])
-        unit = unit_in_name(columns[0]) or unit_in_name(f"x [{lines.units[place]}]")
+        unit = unit_of_clock(columns[0], lines.units[place])
         if (counted := counted_clock(columns[0], cells, unit, named=True)) is not None:
             return counted
     if format_ is None and guessed is not None and guessed.columns == columns:

@@ -5,7 +5,7 @@ import pytest
 from small_worlds import logged
 
 from shockrig.analysis.diagnose import diagnose
-from shockrig.analysis.diagnose.candidates import tells_nothing
+from shockrig.analysis.diagnose.candidates import says_nothing_at_all
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.gather import build_channel
@@ -21,11 +21,11 @@ from shockrig.analysis.estimate.gather import build_channel
 )
 def test_an_effect_tells_nothing_where_none_of_its_numbers_is_surer_than_its_range(fraction, time_constant_s, nothing):
     effect = CATALOGUE["parallel_lag"]
-    assert tells_nothing(effect, {"fraction": fraction, "time_constant_s": time_constant_s}) == nothing
+    assert says_nothing_at_all(effect, {"fraction": fraction, "time_constant_s": time_constant_s}) == nothing
 
 
 def test_an_effect_without_numbers_tells_what_it_is():
-    assert not tells_nothing(CATALOGUE["body_sphere"], {})
+    assert not says_nothing_at_all(CATALOGUE["body_sphere"], {})
 
 
 def test_an_effect_that_tells_nothing_is_not_stated_and_may_still_predict(tmp_path, monkeypatch):
@@ -41,7 +41,7 @@ def test_an_effect_that_tells_nothing_is_not_stated_and_may_still_predict(tmp_pa
     ]
     channel = build_channel(logged(tmp_path, runs), "temperature")
     assert [one.effect for one in diagnose_channel(channel, describing=False).causes] == ["parallel_lag"]
-    monkeypatch.setattr(diagnose, "tells_nothing", lambda effect, values: effect.id == "parallel_lag")
+    monkeypatch.setattr(diagnose, "says_nothing_at_all", lambda effect, values: effect.id == "parallel_lag")
     found = diagnose_channel(channel, describing=False)
     assert "parallel_lag" not in {one.effect for one in found.causes} and found.verdict == "unexplained"
     assert "parallel_lag" in found.predicting.model.ids
