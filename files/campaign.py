@@ -63,6 +63,7 @@ DEFAULT_BEAD_RADIUS_M = 4e-4
 DEFAULT_FILM_THICKNESS_M = 1e-5
 DEFAULT_PRESSURE_HPA = 1013.25
 REMEDY = "fix or restore the file"
+NAMED = 6  # of the campaigns that a folder holds
 
 
 _REFERENCE_RANGES = {
@@ -117,7 +118,11 @@ def _read_head(folder: Path) -> FileTable:
         raise InputError(
             f"{shown(folder)}: is a file; give the folder that holds campaign.json (shockrig import makes one of a log)"
         )
-    return read_json(folder / "campaign.json", CAMPAIGN_FORMAT, "give the folder that holds a whole campaign.json")
+    remedy = "give the folder that holds a whole campaign.json"
+    if within := [shown(one.parent) for one in sorted(folder.glob("*/campaign.json"))]:
+        # An import of several sensors leaves a campaign of each.
+        remedy += f": {', '.join(within[:NAMED])}{', ...' if len(within) > NAMED else ''}"
+    return read_json(folder / "campaign.json", CAMPAIGN_FORMAT, remedy)
 
 
 def read_campaign(path: str | Path, probe: str = FIRST_PROBE) -> Campaign:

@@ -296,3 +296,13 @@ def test_numbers_alone_are_read_without_pandas():
         "import sys, shockrig; shockrig.read_campaign(shockrig.example('plain-rough')); print('pandas' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout.split() == ["False"]
+
+
+def test_a_folder_of_campaigns_names_those_that_it_holds(small, tmp_path_factory):
+    """Several sensors of a log are imported into a campaign each."""
+    folder = tmp_path_factory.mktemp("log")
+    for sensor in ("inside", "outside"):
+        shutil.copytree(small, folder / sensor)
+    with pytest.raises(InputError) as raised:
+        read_campaign(folder)
+    assert str(raised.value).endswith(f"whole campaign.json: {folder / 'inside'}, {folder / 'outside'}")
