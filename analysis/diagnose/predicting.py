@@ -36,7 +36,7 @@ def predicting_model(
     """The model that predicts best: of the heaviest, of those that leave least of their runs for what they take, of
     what one would fit without a catalogue, and the stated and the plain one, each fitted as it is judged, the one that
     then leaves least, and of those that leave as little the likeliest; the stated one as it stands where no reading is
-    left to it (`whole`) and runs tell no more of any.
+    left to it (`whole`) and runs tell no more of any, or where none leaves less.
 
     A name has to be sure, a prediction only good: models whose effects say nothing may predict as well. And no name
     asks what a run would do that nobody has seen: it has none of the rates that runs have of their own. At those,
@@ -52,11 +52,12 @@ def predicting_model(
     models = {id(one): one for one in (found.best, found.plain, *firsts) if not _drifts(one, beside=found.best)}
     tried = [(one, judged) for one in models.values() if (judged := as_judged(problem, one.fit)) is not None]
     left = [float(run_errors(channel, problem, judged).mean()) for _, judged in tried]
-    before, losses = float(run_errors(channel, problem, found.best.fit).mean()), [_loss(channel, one) for one in left]
-    least = min(losses, default=np.inf)
-    if not tried or (whole and not _loss(channel, before) - least > AS_GOOD):
+    before = float(run_errors(channel, problem, found.best.fit).mean())
+    gained = [_loss(channel, before) - _loss(channel, one) for one in left]
+    most = max((one for one in gained if one > 0.0), default=0.0)
+    if most <= (AS_GOOD if whole else 0.0):
         return stands
-    as_good = [i for i, loss in enumerate(losses) if loss - least <= AS_GOOD]
+    as_good = [i for i, one in enumerate(gained) if one > 0.0 and most - one <= AS_GOOD]
     chosen = max(as_good, key=lambda i: tried[i][0].value)
     model, judged = tried[chosen]
     fit = carried(problem, model.fit, judged)
