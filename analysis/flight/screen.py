@@ -21,7 +21,16 @@ from scipy.special import bdtrc
 
 from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
 from shockrig.analysis.flight.columns import held
-from shockrig.analysis.flight.stretches import BY_CHANCE, FARTHEST_SWINGS, FELT_SHARE, Felt, judge, scatter, within
+from shockrig.analysis.flight.stretches import (
+    BY_CHANCE,
+    FARTHEST_SWINGS,
+    FELT_SHARE,
+    PARTED_ROWS,
+    Felt,
+    judge,
+    scatter,
+    within,
+)
 from shockrig.analysis.flight.sweep import COARSE_IN_NOISE
 from shockrig.files.flight import Flight
 from shockrig.files.numbers import counted
@@ -217,7 +226,7 @@ class ClockStep:
 
 
 def clock(time_s: Array, part_s: float, readings: Sequence[Array] = ()) -> OrderedTime:
-    """Put a log's time (n,) in order; stretches that a step parts are set `part_s` apart.
+    """Put a log's time (n,) in order; stretches that a step parts are set `part_s` apart, or more in a slow log.
 
     A few rows out of place (a lone jump and back) are left out; where the clock steps and goes on from there, the rows
     after it are as good as those before, but how much time lies between is not known. Only where all `readings` (n,)
@@ -229,8 +238,7 @@ def clock(time_s: Array, part_s: float, readings: Sequence[Array] = ()) -> Order
         if rows.size < 2:
             return OrderedTime(good, time_s[rows], ())
         ahead = np.diff(time_s[rows])
-        usual = ahead[ahead > 0]
-        longest = max(LONGEST_GAP_S, GAP_PERIODS * float(np.median(usual))) if usual.size else LONGEST_GAP_S
+        usual, longest = ahead[ahead > 0], _longest_gap(ahead)
         if (stray := _out_of_place(time_s[rows], longest)).size:
             good[rows[stray]] = False
             continue
@@ -248,7 +256,7 @@ def clock(time_s: Array, part_s: float, readings: Sequence[Array] = ()) -> Order
     left_out = np.minimum(np.maximum(ahead[bounds[1:-1] - 1], 0.0) / period, rows.size).astype(np.int64)
     on = _running_on([one[rows] for one in readings], bounds[1:-1], left_out, rows.size)
     steps = tuple(ClockStep(int(rows[k]), float(ahead[k - 1]), bool(on[k])) for k in bounds[1:-1])
-    part = np.where(on[1:], period, part_s)
+    part = np.where(on[1:], period, max(part_s, longest + period))
     even = np.concatenate([[0.0], np.where(parting, part, ahead)])
     return OrderedTime(good, time_s[rows[0]] + np.cumsum(even) if steps else time_s[rows], steps)
 
@@ -449,10 +457,18 @@ def screen(
 
 
 def _place(time_s: Array) -> NDArray[np.int64]:
-    """Where rows (n,) would stand in a log that has lost none, by the usual time between two."""
+    """Where rows (n,) would stand in a log that has lost none, by the usual time between two; far apart where a gap
+    parts them."""
     step = np.diff(time_s, prepend=time_s[:1])
     usual = float(np.median(step[step > 0.0])) if (step > 0.0).any() else np.inf
-    return np.cumsum(np.maximum(np.round(step / usual), 1.0)).astype(np.int64)
+    parted = step > _longest_gap(step)
+    return np.cumsum(np.where(parted, PARTED_ROWS, np.maximum(np.round(step / usual), 1.0))).astype(np.int64)
+
+
+def _longest_gap(ahead: Array) -> float:
+    """The longest [s] that does not part a log, by the times (n,) from each row to the next."""
+    forward = ahead[ahead > 0.0]
+    return max(LONGEST_GAP_S, GAP_PERIODS * float(np.median(forward))) if forward.size else LONGEST_GAP_S
 
 
 def _lone(values: Array, again: Mask, of_air: Mask, noise: float, resolution: float) -> Mask:
@@ -473,7 +489,8 @@ def _lone(values: Array, again: Mask, of_air: Mask, noise: float, resolution: fl
     if not suspect.any():
         return lone
     off = np.abs(values - _around(values, MEDIAN_WIDTH))
-    suspect &= (jump > 0.5 * off) & _unusual(off, noise, resolution)
+    # one that is far nearer to those around than it jumped to has only a jump of the air, or a gap, beside it
+    suspect &= (jump > 0.5 * off) & (off > ON_THE_WAY * jump) & _unusual(off, noise, resolution)
     while suspect.any():
         off[~suspect] = 0.0
         worst = suspect & (off >= WORST_SHARE * maximum_filter1d(off, MEDIAN_WIDTH, mode="nearest"))

@@ -40,6 +40,7 @@ BESIDE_SHARE = (
 # steps of the log: of a jump that a lag lets through the row beside goes 1 - MOST_SHARE, rounded by one step or less
 JUMP_IN_STEPS = 1.0 / (1.0 - MOST_SHARE - BESIDE_SHARE)
 FARTHEST_SWINGS = 2.0  # times what air swings: from a heated room into winter, in rows that the sensor follows
+PARTED_ROWS = 10**6  # that a gap counts as, across which nothing is concluded
 RETURN_SHARE = 0.5  # of a jump, that one back is at least where the air moved in between
 DEGF_SHARE = 0.1  # of a jump, that readings in degF are away from those on its other side
 APART_SHARE = 0.3  # of a jump, that the readings after another are away from those before
@@ -331,8 +332,9 @@ def _elsewhere(
     usual = MAD_TO_SIGMA * float(np.median(size))
     beside = largest_beside(size)
     sudden = np.flatnonzero((size > max(least, JUMP_IN_NOISE * usual)) & (beside < BESIDE_SHARE * size)) + 1
-    # over a gap a sensor gets anywhere; one end of a stretch may lie in one
-    refuted = (share > MOST_SHARE) | (_within(share, apart[sudden - 1]) <= MOST_SHARE)
+    # over a gap a sensor gets anywhere, and over a long one the air; one end of a stretch may lie in one
+    certain = apart < PARTED_ROWS
+    refuted = (certain & ((share > MOST_SHARE) | (_within(share, apart) <= MOST_SHARE)))[sudden - 1]
     goes_on = stuck[sudden - 1] & ~stuck[sudden]
     away, alone = _in_degf(sudden, values[sudden - 1], values[sudden], refuted & in_degc, values.size)
     left = sudden[alone]
@@ -351,8 +353,8 @@ def _elsewhere(
     far = far[np.diff(far, prepend=-9) > 2]
     # where the largest step of those across is
     first = far + 1 + np.argmax(sliding_window_view(size, 3)[far], axis=1) if far.size else far
-    certain = np.ones(far.shape, dtype=bool)
-    away |= _between(first, before[far], after[far], certain, values, FARTHEST_SWINGS * swing, ~certain)[0]
+    none = np.zeros(far.shape, dtype=bool)
+    away |= _between(first, before[far], after[far], certain[first - 1], values, FARTHEST_SWINGS * swing, none)[0]
     # one from which none goes back may have one when those within its stretch are out
     if not away.any():
         for k in sudden[alone & (size[sudden - 1] > swing)].tolist():

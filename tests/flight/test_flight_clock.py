@@ -59,6 +59,20 @@ def test_rows_that_are_lost_part_the_log_and_the_film_starts_from_rest():
     assert rms(found.humidity_percent - truth) < 1.02 * rms(humidity - truth)
 
 
+def test_readings_on_the_ground_before_a_long_gap_are_the_airs():
+    """A slow log of a warm launch site, 27 minutes without a row, and what is far colder up there until it lands."""
+    rng = np.random.default_rng(5)
+    ground, aloft = 280, 160
+    time_s = 12.0 * np.arange(ground + aloft + 150)
+    time_s[ground:] += 1600.0
+    time_s[ground + aloft :] += 3800.0
+    level = np.concatenate([np.linspace(22.0, 13.0, ground), np.linspace(-35.0, -3.0, aloft), np.full(150, 23.7)])
+    log = pandas.DataFrame({"time_s": time_s, "temperature_c": level + 0.03 * rng.standard_normal(level.size)})
+    found = correct(to_flight(log.assign(humidity_percent=np.nan)), PROFILE)
+    assert np.count_nonzero(found.flags["implausible"]) == 0
+    assert rms(found.temperature_c - level) < 0.1
+
+
 def test_a_code_behind_a_restart_tells_nothing_of_the_rows_before_the_gap():
     """The temperature is vague in the row before the gap and in the one behind it: for a second, and not for all of
     the gap."""
