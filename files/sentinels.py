@@ -140,10 +140,13 @@ def unread(values: Array, usual: Range, readable: Range) -> Mask:
 
 
 def _usual_jump(believed: Array) -> float:
-    """How far readings go from one to the next at the most, in the quantity's unit."""
+    """How far readings go from one to the next at the most, in the quantity's unit; where they change at all, as coarse
+    ones seldom do."""
     step = np.abs(np.diff(believed))
-    usual = max(FAR_STEPS * float(np.quantile(step, 0.9)), JUMP_STEPS * float(np.median(step))) if step.size else 0.0
-    return max(usual, LEAST_JUMP)
+    changed = step[step > 0.0]
+    if not changed.size:
+        return LEAST_JUMP
+    return max(FAR_STEPS * float(np.quantile(changed, 0.9)), JUMP_STEPS * float(np.median(step)), LEAST_JUMP)
 
 
 def _jumped_to(values: Array, others: Mask, rows: Mask, code: float) -> Mask:

@@ -639,6 +639,15 @@ def test_a_jump_that_a_reading_met_halfway_does_not_stir_the_air_around_it():
     assert found["ours"] < 0.3 * found["reading"] and found["covered"] > 0.9
 
 
+def test_readings_two_kelvin_apart_that_pass_a_code_are_none():
+    """A balloon's whole degrees, every second of them, up to -57 degC and back: -49, -45 and -9 were left out."""
+    passed = np.concatenate([np.arange(-1.0, -59.0, -2.0), np.arange(-57.0, 1.0, 2.0)])
+    assert coded("temperature", np.repeat(passed, 15), -100.0, 60.0) == {}
+    held = np.repeat(passed, 15)
+    held[200:203] = 85.0
+    assert list(coded("temperature", held, -100.0, 100.0)) == [85.0]
+
+
 def test_a_code_has_no_part_in_the_steps_of_a_log():
     """Before: steps of 0.5 K passed for 0.01 K, and calm air for a sensor that is stuck."""
     reading = np.where(np.arange(2400) < 1008, 27.0, 15.0)
