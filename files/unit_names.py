@@ -81,7 +81,7 @@ _WORDS = {
 _OTHER = (
     "dew", "frost", "batt", "volt", "heat index", "wind chill", "wet bulb", "wet-bulb", "potential", "setpoint",
     "set point", "set_point", "set temp", "set_temp", "setting", "target", "anomaly", "direction", "velocity", "ascent",
-    "climb", "over ground", "efficien", "duty", "throttle", "charge",
+    "climb", "over ground", "efficien", "duty", "throttle", "charge", "error",
 )  # fmt: skip
 _TIMES = (
     "time", "timestamp", "datetime", "date_time", "date time", "date-time", "t", "date", "datum", "zeit", "uhrzeit",
@@ -91,6 +91,8 @@ _TIMES = (
 )  # fmt: skip
 OUTSIDE = ("external", "outside", "outdoor", "ambient", "ext", "air")
 INSIDE = ("internal", "inside", "indoor", "box", "board", "case", "housing", "enclosure", "cpu", "pcb", "mcu")
+# humidities that are no relative one
+_NOT_RELATIVE = re.compile(r"absolut|specific|(?<![a-z])abs(?![a-z])")
 # "km/hr", "mm/hr": an hour, and not the "hr" that is a humidity in French and Spanish
 _PER_HOUR = re.compile(r"(?<![a-z])(km|mi|nmi?|mm?|cm|ft|in|l)\s*/\s*(h|hrs?|hours?)(?![a-z])")
 _BRACKETS = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]")
@@ -242,6 +244,8 @@ def quantity_of(name: str, unit: str | None) -> str | None:
         if any(_has_word(low, word) for word in words):
             if quantity == "humidity" and (by_unit == "temperature" or _has_word(low, "temp")):
                 return "temperature"
+            if quantity == "humidity" and by_unit is None and _NOT_RELATIVE.search(low):
+                return None
             if by_unit in (None, quantity):
                 return quantity
     if by_unit in ("temperature", "humidity", "pressure", "airflow"):

@@ -570,6 +570,18 @@ def test_a_percentage_of_something_else_is_no_humidity(name):
     assert quantity_of("Kanal 2 [%]", "percent") == "humidity"
 
 
+@pytest.mark.parametrize("name", ["HUM_ABS.d", "Absolute Humidity", "AbsoluteHumidity", "specific humidity"])
+def test_an_absolute_humidity_is_no_relative_one(name):
+    """Before: of an aircraft's HUM_ABS.d and HUM_REL.d the first was taken."""
+    assert quantity_of(name, None) is None and quantity_of(name.lower().replace("hum", "pres"), None) != "humidity"
+    assert quantity_of("HUM_REL.d", None) == "humidity" and quantity_of("abs. Feuchte", None) is None
+
+
+def test_a_flag_for_errors_is_no_humidity():
+    """Before: of a dropsonde's raw CSV 'FRAME BLOCK error (0-1)' was, and 'RSS421 RH (%)' another one."""
+    assert quantity_of("FRAME BLOCK error (0-1)", unit_in_name("FRAME BLOCK error (0-1)")) is None
+
+
 @pytest.mark.parametrize(
     ("name", "quantity"),
     [
