@@ -256,7 +256,8 @@ def _remedy(path: Path) -> str:
     for number, cells in enumerate(lines, start=1):
         if len({quantity for quantity, names in NAMES.items() if any(_plain(cell) in names for cell in cells)}) > 2:
             return f"the names seem to stand in line {number}: {by_map}"
-    if lines and re.search(r"\d", lines[0][0]) and not any(re.search(r"[A-Za-z]{2}", cell) for cell in lines[0]):
+    words = [cell for cell in lines[0] if cell.strip().lower() not in (*NO_VALUE_WORDS, "nan")] if lines else []
+    if words and re.search(r"\d", words[0]) and not any(re.search(r"[A-Za-z]{2}", cell) for cell in words):
         return (
             "it seems to have no line of names: read it by a map with header_line = 0, which numbers its columns "
             "(docs/importing.md shows one); --map takes it"

@@ -26,7 +26,8 @@ BLOCK_ROWS = 20_000
 ESSENTIAL = ("time", "temperature", "humidity")
 DAY_S = 86400.0
 DATED = r"\d[-/.]\d{1,2}[-/.]\d"  # a stamp with its date
-UNDERSCORED = r"^(\d{4})_(\d\d?)_(\d\d?)_(\d\d?)_(\d\d?)_(\d\d?(?:\.\d+)?)$"  # 2024_3_27_11_34_7
+# 2024_3_27_11_34_7, 2022-5-7--11-24-56-316: thousandths behind the seconds
+JOINED = r"^(\d{4})[_-](\d\d?)[_-](\d\d?)[_-]{1,2}(\d\d?)[_-](\d\d?)[_-](\d\d?)(\.\d+)?(?:[_-](\d{1,3}))?$"
 TIME_OF_DAY = r"\d{1,2}:\d\d(:\d\d([.,]\d+)?)?( ?[AaPp][Mm])?"
 DISORDER_S = 3600.0  # by which a row may be earlier than a log's first: 23 hours on, its day is the next
 ISO_UTC = re.compile(r"(\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d{1,6})?)?Z?)?")
@@ -256,11 +257,7 @@ def _stamped(rows: Rows, layout: FlightColumns) -> Array:
             return seconds
         import pandas as pd
 
-        text = (
-            pd.Series(rows.cells(place), dtype=str)
-            .str.strip()
-            .str.replace(UNDERSCORED, r"\1-\2-\3 \4:\5:\6", regex=True)
-        )
+        text = pd.Series(rows.cells(place), dtype=str).str.strip().str.replace(JOINED, _parted, regex=True)
         of_day = bool(text.str.fullmatch(TIME_OF_DAY).mean() > 0.5)
         if layout.date_place is not None and layout.date_place != place and not text.str.contains(DATED).any():
             dates = pd.Series(rows.cells(layout.date_place), dtype=str).str.strip()
@@ -288,6 +285,13 @@ def _stamped(rows: Rows, layout: FlightColumns) -> Array:
         if known.size and low < np.median(known) < high:
             return values * UNITS["time"][unit][0]
     return _of_packed(values)
+
+
+def _parted(joined: re.Match[str]) -> str:
+    """A date and time whose numbers one character joins, as every other log writes it."""
+    year, month, day, hour, minute, second, fraction, thousandths = joined.groups("")
+    fraction = f".{int(thousandths):03d}" if thousandths else fraction
+    return f"{year}-{month}-{day} {hour}:{minute}:{second}{fraction}"
 
 
 def _of_iso(cells: Sequence[str]) -> Array | None:

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from shockrig.files.disk import open_text, shown
 from shockrig.files.errors import InputError
-from shockrig.files.flight import REMEDY, Flight, LayoutError, read_layout, unread_unit
+from shockrig.files.flight import REMEDY, Flight, FlightColumns, LayoutError, read_layout, unread_unit
+from shockrig.files.flight_cells import read_blocks
 from shockrig.files.flight_rows import damage_notes, whole_flight
 from shockrig.files.unit_names import INSIDE, OUTSIDE, outside_name, squeeze
 
@@ -123,8 +124,10 @@ def _by_guess(source: Path, columns: Mapping[str, str] | None) -> tuple[dict[str
 
     try:
         layout = read_layout(source, columns)
-        if not (layout.known or layout.raw_xq2) and len(layout.header) > len(layout.place):
-            _demand_one_sensor(source)
+        if not (layout.known or layout.raw_xq2):
+            if len(layout.header) > len(layout.place):
+                _demand_one_sensor(source)
+            _demand_bare_numbers(source, layout)
     except LayoutError as refused:
         if columns:  # the names are those of a CSV file
             raise
@@ -188,6 +191,26 @@ def _demand_one_sensor(source: Path) -> None:
             raise InputError(f"{shown(source)}{str(fault).removeprefix(shown(first))}, and give it by --map") from None
         except BenchError:
             pass  # whatever else is odd of it is said where it is read
+
+
+def _demand_bare_numbers(source: Path, layout: FlightColumns) -> None:
+    """Refuse a log of which a column's cells carry a unit behind their number ("76.7F"), as its first rows have it.
+
+    Raises
+    ------
+    LayoutError
+        Names the column; a log of another layout may be read all the same.
+    """
+    from shockrig.rig.logs.text import unit_in_cells
+
+    for first in islice(read_blocks(source, layout, FIRST_ROWS), 1):
+        for place in first.strange.intersection(layout.place.values()):
+            if unit_in_cells(first.cells(place)):
+                raise LayoutError(
+                    f"{shown(source)}: column {layout.header[place]!r} holds {first.cell(0, place)[:40]!r}, numbers "
+                    "and their unit: leave out --column, or read the log by a map: shockrig import FILE --look writes "
+                    "one, --map takes it"
+                )
 
 
 def _of_possible(source: Path, seen: LogMap) -> tuple[LogMap, dict[str, Series], tuple[str, ...]]:

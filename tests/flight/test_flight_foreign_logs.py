@@ -424,3 +424,30 @@ def test_the_turn_of_a_fast_change_is_not_implausible_in_slow_rows():
     reading[60:66] += [0.2, 0.45, 0.7, 0.3, 0.1, 0.0]
     found = screen(3.0 * np.arange(120), reading, RANGES["temperature_c"], 0.02)
     assert not found.implausible.any()
+
+
+def test_a_log_whose_cells_carry_their_unit_is_read(tmp_path, capsys):
+    """As a StratoLogger writes its temperature: 76.7F. Before: 200 of 200 rows could not be read as numbers."""
+    celsius = 24.0 + 0.5 * np.sin(np.arange(200) / 20.0)
+    rows = [f"{0.5 * i:g},{22 + i},{1.8 * c + 32.0:.2f}F,7.9" for i, c in enumerate(celsius)]
+    text = "\n".join(["time_s,altitude_ft,temperature,voltage", *rows]) + "\n"
+    status, said = run(tmp_path, capsys, text)
+    done = pandas.read_csv(tmp_path / "out.csv")
+    assert status == 0 and "temperature 'temperature'" in said
+    np.testing.assert_allclose(done["temperature_c"], celsius, atol=0.01)
+    np.testing.assert_allclose(done["altitude_m"], 0.3048 * (22.0 + np.arange(200)), atol=0.01)
+    status, said = run(tmp_path, capsys, text, "--column", "temperature=temperature")
+    assert status == 2 and "and their unit: leave out --column" in said
+
+
+def test_a_date_and_time_joined_by_dashes_is_one_with_its_thousandths(tmp_path):
+    stamps = ("2022-5-7--11-24-56-316", "2022-5-7--11-24-56-745", "2022-5-7--11-24-57-5", "2022_5_7_11_24_57")
+    flight = read(tmp_path, "Time,Temperature", [f"{stamp},21.{i}" for i, stamp in enumerate(stamps)])
+    begins_s = pandas.Timestamp("2022-05-07T11:24:56Z").timestamp()
+    np.testing.assert_allclose(flight.time_s - begins_s, [0.316, 0.745, 1.005, 1.0], atol=1e-6)
+
+
+def test_a_log_without_names_is_told_where_its_first_row_lacks_readings(tmp_path):
+    (tmp_path / "log.csv").write_text("2026/04/23 09:48:59,0,nan,n/a,19.75\n2026/04/23 09:49:10,0,14.4,22.24,19.75\n")
+    with pytest.raises(InputError, match="no line of names: read it by a map with header_line = 0"):
+        read_layout(tmp_path / "log.csv")
