@@ -231,8 +231,9 @@ def doubts(flight: Flight) -> list[str]:
     percent = flight.humidity_percent[np.isfinite(flight.humidity_percent)]
     if percent.size and 0.0 < percent.max() <= HIGHEST_SHARE and percent.min() > -0.1:
         found.append(
-            f"humidity: readings lie between {percent.min():.2g} and {percent.max():.2g}: if they are fractions of 1 "
-            'and not %RH, multiply by 100, or read the log by a map with humidity_unit = "fraction"'
+            f"humidity_percent: readings lie between {percent.min():.2g} and {percent.max():.2g}: if they are "
+            "fractions of 1 and not %RH, multiply by 100, or read the log by a map with "
+            'humidity_unit = "fraction"'
         )
     times = _by_pressure(flight)
     if not 1.0 / HEIGHT_RATIO < times < HEIGHT_RATIO:

@@ -4,6 +4,7 @@ it.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -33,6 +34,8 @@ LONGEST_MARGIN_S = 150.0  # of the neighbours that a block sees: what a sensor r
 MARGIN_ROWS, MOST_MARGIN_ROWS = 1500, 15_000
 CORRECTED_ROWS = 30_000  # at once: what is seen as a margin is corrected twice and thrice
 MARGINS_A_BLOCK = 2  # at least
+OF_A_COLUMN = re.compile(r"\w+_(s|c|percent|hpa|m): ")  # how a doubt about the log begins
+NUMBER = re.compile(r"[-+]?\d[\d.e+-]*")
 
 
 @dataclass(frozen=True)
@@ -184,7 +187,7 @@ class _Totals:
     def __init__(self, said: Sequence[str]) -> None:
         self.rows = 0
         self.flags = dict.fromkeys(FLAGS, 0)
-        self.notes: dict[str, None] = dict.fromkeys(said)
+        self.notes = {note: note for note in said}
         self.codes: dict[str, int] = {}
 
     def count(self, codes: Mapping[str, NDArray[np.bool_]], own: slice | NDArray[np.int64]) -> None:
@@ -195,11 +198,10 @@ class _Totals:
         self.rows += flight.time_s.size
         for name, mask in found.flags.items():
             self.flags[name] += int(np.count_nonzero(mask))
-        self.notes.update(dict.fromkeys(found.notes))
+        for note in found.notes:
+            # what is doubted in a log is said once, whatever its numbers are in another block
+            self.notes.setdefault(NUMBER.sub("", note) if OF_A_COLUMN.match(note) else note, note)
 
     def summary(self) -> Summary:
-        return Summary(
-            self.rows,
-            self.flags,
-            tuple(sorted((*code_notes(self.codes), *self.notes), key=lambda note: not note.startswith("profile:"))),
-        )
+        notes = (*code_notes(self.codes), *self.notes.values())
+        return Summary(self.rows, self.flags, tuple(sorted(notes, key=lambda note: not note.startswith("profile:"))))

@@ -185,6 +185,15 @@ def test_blocks_join_without_a_seam(tmp_path):
         assert away.max() < 1.0
 
 
+def test_what_is_doubted_in_a_long_log_is_said_once(tmp_path):
+    """Before: once in every 30,000 rows of it, each time with other numbers."""
+    time_s = np.arange(9000.0)
+    hot = 60.0 + 0.002 * time_s + 0.02 * np.random.default_rng(1).standard_normal(9000)
+    pd.DataFrame({"time_s": time_s, "temperature_c": hot}).to_csv(tmp_path / "log.csv", index=False)
+    done = correct_file(tmp_path / "log.csv", PROFILE, tmp_path / "out.csv", block_rows=3000)
+    assert len([note for note in done.notes if note.startswith("temperature_c: half of the readings")]) == 1
+
+
 def test_what_a_file_holds_is_told_once_and_said_as_of_arrays(tmp_path, monkeypatch):
     flown = fly(convective(np.random.default_rng(2), duration_s=120.0), PROFILE, 2)
     flown.log.loc[50:60, "temperature_c"] = -999.0
