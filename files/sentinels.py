@@ -140,13 +140,13 @@ def unread(values: Array, usual: Range, readable: Range) -> Mask:
 
 
 def _usual_jump(believed: Array) -> float:
-    """How far readings go from one to the next at the most, in the quantity's unit; where they change at all, as coarse
-    ones seldom do."""
+    """How far readings go from one to the next at the most, in the quantity's unit; coarse ones, which mostly stay, by
+    steps."""
     step = np.abs(np.diff(believed))
-    changed = step[step > 0.0]
-    if not changed.size:
+    if not (step > 0.0).any():
         return LEAST_JUMP
-    return max(FAR_STEPS * float(np.quantile(changed, 0.9)), JUMP_STEPS * float(np.median(step)), LEAST_JUMP)
+    of_log = float(step[step > 0.0].min())
+    return max(FAR_STEPS * max(float(np.quantile(step, 0.9)), of_log), JUMP_STEPS * float(np.median(step)), LEAST_JUMP)
 
 
 def _jumped_to(values: Array, others: Mask, rows: Mask, code: float) -> Mask:
