@@ -730,8 +730,8 @@ def seen_by_film(
     all_rows = int(moved[-1] - moved[0]) + 1
     seldom = f"in {moved.size} of the {all_rows} rows " if moved.size < SELDOM_SHARE * all_rows else ""
     said = (
-        f"temperature: {seldom}between {moment(first)} and {moment(last)} it moves by up to {off.max():.2g} K without "
-        "the humidity, which follows the air's at once: "
+        f"temperature: {seldom}between {moment(first)} and {moment(last)} it moves by up to {short(off.max(), 2)} K "
+        "without the humidity, which follows the air's at once: "
     )
     with_them, without = following(flight, air), following(flight, air - alone)
     # what the humidity is off by if the air did move

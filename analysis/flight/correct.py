@@ -58,7 +58,7 @@ from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S, REFERE
 from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA
 from shockrig.files.errors import InputError
 from shockrig.files.flight import FLAGS, Corrected, Flight
-from shockrig.files.numbers import counted, moment
+from shockrig.files.numbers import counted, moment, short
 from shockrig.files.profile import Profile
 from shockrig.files.profile_data import NOISE_K, NOISE_PERCENT
 from shockrig.files.ranges import LIKELY_RANGES, RANGES
@@ -216,7 +216,8 @@ def in_order(flight: Flight) -> tuple[Flight, NDArray[np.int64], list[str]]:
         (False, "a gap, across which nothing is concluded"),
     ):
         alike = [(step.by_s, moment(flight.time_s[step.row])) for step in clock.steps if step.runs_on == runs_on]
-        steps += [f"the clock steps by {by_s:+.4g} s to {at}: {what}" for by_s, at in alike[:MOST_STEPS]]
+        signed = [("+" * (by_s > 0) + short(by_s, 4), at) for by_s, at in alike[:MOST_STEPS]]
+        steps += [f"the clock steps by {by_s} s to {at}: {what}" for by_s, at in signed]
         if others := alike[MOST_STEPS:]:
             steps.append(f"the clock steps {counted(len(others), 'more time')} like that, the last to {others[-1][1]}")
     return replace(flight.at(rows), time_s=clock.time_s), rows, steps

@@ -17,7 +17,7 @@ from shockrig.analysis.flight.stretches import scatter
 from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S, REFERENCE_C, Stream
 from shockrig.analysis.physics.standard_atmosphere import pressure_altitude_m
 from shockrig.files.flight import Flight
-from shockrig.files.numbers import SINCE_1970_S, counted
+from shockrig.files.numbers import SINCE_1970_S, counted, short
 from shockrig.files.profile import HumidityProfile, Profile, ResponseTime
 from shockrig.files.ranges import LIKELY_RANGES, RANGES, Range
 
@@ -110,6 +110,8 @@ SAME_SPEED, NO_SPEED = 0.2, 0.7  # ln of how far the airspeed may be off where i
 CLOSE_PERIOD = 0.05  # relative, that a period is of one of these
 FASTEST_S = 0.004  # between rows of a thermometer or a hygrometer
 CLIMB_ROWS = 10  # that a climb is taken over: altitudes come in steps
+THROWN_PARTS = 20  # of a log, over two of which a change of speed is taken
+GRAVITY_M_S2 = 9.81
 FASTEST_CLIMB_M_S = 100.0  # of half of a log; what falls from high up comes to 70
 BESIDE_AIRSPEED, LEAST_AIRSPEED_M_S = 3.0, 10.0  # times the largest airspeed in the log, or this, that a climb may be
 LIKELIER_LN = 1.5  # by so much in ln of the noise, over both columns, where each has the other's noise
@@ -137,11 +139,12 @@ def slips(flight: Flight, profile: Profile | None = None) -> list[str]:
         )
     elif period < FASTEST_S:
         found.append(f"time_s: a row every {period:.3g} s, faster than such sensors are read; convert times to seconds")
-    elif (climb := _climb(flight)) > _fastest_climb(flight):
+    elif (climb := _climb(flight)) > _fastest_climb(flight) and not _thrown(flight):
         minutes = "minutes" if climb / 60.0 <= FASTEST_CLIMB_M_S else "another unit"
         found.append(
-            f"time_s and altitude_m: half of the log climbs or sinks by {climb:.3g} m/s or more, as nothing flies: "
-            f"times seem to be in {minutes}; convert them to seconds, or read the log by a map with its time_unit"
+            f"time_s and altitude_m: half of the log climbs or sinks by {short(climb, 3)} m/s or more, as nothing "
+            f"flies that does not slow down as it rises: times seem to be in {minutes}; convert them to seconds, or "
+            "read the log by a map with its time_unit"
         )
     if _swapped(flight, profile):
         found.append(
@@ -161,6 +164,21 @@ def _climb(flight: Flight) -> float:
     went, lasted = (np.abs(v[CLIMB_ROWS:] - v[:-CLIMB_ROWS]) for v in (height, time_s))
     moved = (went > 0.0) & (lasted > 0.0)
     return float(np.median(went[moved] / lasted[moved])) if np.count_nonzero(moved) >= FEWEST_READINGS else 0.0
+
+
+def _thrown(flight: Flight) -> bool:
+    """Whether what climbs or sinks so fast slows down as it rises, as a rocket's coasting does, by half of gravity and
+    more: of times in minutes a change of speed is 3600 times what it was, or none."""
+    if flight.altitude_m is None:
+        return False
+    rows = np.flatnonzero(np.isfinite(flight.altitude_m))
+    k = max(CLIMB_ROWS, rows.size // THROWN_PARTS)
+    columns = (flight.altitude_m[rows], flight.time_s[rows])
+    height, time_s = (np.diff([v[: -2 * k], v[k:-k], v[2 * k :]], axis=0) for v in columns)
+    speed = height / np.maximum(time_s, FASTEST_S)
+    fast = (np.abs(speed) > FASTEST_CLIMB_M_S).all(axis=0)
+    gains = np.diff(speed, axis=0)[0] / np.mean(time_s, axis=0)
+    return bool(fast.any() and np.median(gains[fast]) < -0.5 * GRAVITY_M_S2)
 
 
 def _fastest_climb(flight: Flight) -> float:
@@ -201,8 +219,8 @@ def doubts(flight: Flight) -> list[str]:
     dated = float(np.nanmedian(flight.time_s)) > SINCE_1970_S  # of which nobody has to guess the unit
     if lasts > LONGEST_FLIGHT_S and period > SLOWEST_PERIOD_S and not dated:
         found.append(
-            f"time_s: the log lasts {lasts / 3600:.3g} h with a row every {period:.3g} s: if these are milliseconds, "
-            'divide by 1000, or read the log by a map with time_unit = "ms"'
+            f"time_s: the log lasts {short(lasts / 3600, 3)} h with a row every {short(period, 3)} s: if these are "
+            'milliseconds, divide by 1000, or read the log by a map with time_unit = "ms"'
         )
     for name, values, unit in (
         ("temperature_c", flight.temperature_c, "degC"), ("humidity_percent", flight.humidity_percent, "%RH")
@@ -212,8 +230,9 @@ def doubts(flight: Flight) -> list[str]:
         if rows > HALF_STILL * values.size and not stairs(known, resolution_of(known)):
             lasting = float(since[first + rows - 1] - since[first])
             found.append(
-                f"{name}: the reading stands at {values[first]:.6g} {unit} for {lasting:.3g} s of {lasts:.3g} s: the "
-                "sensor or the logger was stuck, and what was there is told by the readings before and after alone"
+                f"{name}: the reading stands at {values[first]:.6g} {unit} for {short(lasting, 3)} s of "
+                f"{short(lasts, 3)} s: the sensor or the logger was stuck, and what was there is told by the readings "
+                "before and after alone"
             )
     speed = flight.airspeed_m_s[np.isfinite(flight.airspeed_m_s)]
     possible = RANGES["airflow_m_s"]
@@ -225,8 +244,8 @@ def doubts(flight: Flight) -> list[str]:
     known = flight.temperature_c[np.isfinite(flight.temperature_c)]
     if known.size and (usual := float(np.median(known))) > HOTTEST_C:
         found.append(
-            f"temperature_c: half of the readings lie above {usual:.3g} degC, where hardly any air is flown: they may "
-            f"be {_else(usual)}: read the log by a map that names its columns and temperature_unit"
+            f"temperature_c: half of the readings lie above {short(usual, 3)} degC, where hardly any air is flown: "
+            f"they may be {_else(usual)}: read the log by a map that names its columns and temperature_unit"
         )
     percent = flight.humidity_percent[np.isfinite(flight.humidity_percent)]
     if percent.size and 0.0 < percent.max() <= HIGHEST_SHARE and percent.min() > -0.1:
@@ -238,7 +257,7 @@ def doubts(flight: Flight) -> list[str]:
     times = _by_pressure(flight)
     if not 1.0 / HEIGHT_RATIO < times < HEIGHT_RATIO:
         found.append(
-            f"altitude_m: it goes {times:.3g} times as far as the pressure lets expect: it may be in "
+            f"altitude_m: it goes {short(times, 3)} times as far as the pressure lets expect: it may be in "
             f"{'feet' if HEIGHT_RATIO < times < 2.0 * HEIGHT_RATIO else 'another unit'}: convert it, or read the log "
             "by a map with altitude_unit"
         )

@@ -236,6 +236,7 @@ SELDOM_FACTOR = 5.0  # times the usual between two readings of temperature
 VAGUE_TIMES = 5.0  # times the usual, that the air's temperature leaves open of a reading's vapour
 VAGUE_NOISES = 10.0  # and so many times its noise
 SMOOTHED_S = 1.0
+LEAST_PER_K = 1e-6  # %RH, that a reading goes by with the temperature where there is vapour
 
 
 def correct_humidity(
@@ -740,7 +741,10 @@ def _coupling(
     lagged = as_lagged(temperature, response, period)
     smooth = max(int(round(SMOOTHED_S / period)), 1)
     a, b = (uniform_filter1d(v, smooth) for v in (vapour, lagged))
-    a, b = (a[lag:] - a[:-lag]) / np.maximum(percent_per_k[lag:], np.finfo(float).tiny), b[lag:] - b[:-lag]
+    told = percent_per_k[lag:] > LEAST_PER_K  # in no vapour nothing does
+    if np.count_nonzero(told) < lag:
+        return 0.0
+    a, b = (a[lag:] - a[:-lag])[told] / percent_per_k[lag:][told], (b[lag:] - b[:-lag])[told]
     a, b = a - np.median(a), b - np.median(b)
     width_a, width_b = float(np.median(np.abs(a))), float(np.median(np.abs(b)))
     if width_a == 0 or width_b == 0:

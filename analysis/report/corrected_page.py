@@ -252,9 +252,12 @@ def _draw_spectra(shown: list[Any], time_s: Array, period_s: float) -> Drawing:
         for values, colour, words in ((one.reading, ORANGE, "as read"), (one.value, BLUE, "corrected")):
             even = np.interp(even_s, moments_s, values[known][order])
             frequency, power = gathered(*power_spectrum(even, period_s, max(SEGMENT_S, SEGMENT_ROWS * period_s)))
-            axes.loglog(frequency, power, color=colour, lw=1.0, label=words)
+            if np.any(power > 0.0):  # of readings that change
+                axes.loglog(frequency, power, color=colour, lw=1.0, label=words)
         at = len(frequency) // 3
-        axes.loglog(frequency, power[at] * (frequency / frequency[at]) ** (-5 / 3), color=GREY, ls="--", label="−5/3")
+        if power[at] > 0.0:
+            fallen = power[at] * (frequency / frequency[at]) ** (-5 / 3)
+            axes.loglog(frequency, fallen, color=GREY, ls="--", label="−5/3")
         axes.set_xlabel("frequency, Hz")
         axes.set_ylabel(f"{one.name} power, {'K' if one.unit == 'K' else '%RH'}²/Hz")
     figure.axes[0].legend(loc="lower left")

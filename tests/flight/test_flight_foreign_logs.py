@@ -451,3 +451,10 @@ def test_a_log_without_names_is_told_where_its_first_row_lacks_readings(tmp_path
     (tmp_path / "log.csv").write_text("2026/04/23 09:48:59,0,nan,n/a,19.75\n2026/04/23 09:49:10,0,14.4,22.24,19.75\n")
     with pytest.raises(InputError, match="no line of names: read it by a map with header_line = 0"):
         read_layout(tmp_path / "log.csv")
+
+
+def test_a_humidity_that_stands_at_zero_has_its_page(tmp_path, capsys):
+    """Warnings are errors here. Before: the page's spectrum of it was no power at all, on a scale of logarithms."""
+    rows = [f"{0.5 * i:g},{20 + np.sin(i / 20.0):.3f},0" for i in range(400)]
+    status, said = run(tmp_path, capsys, "\n".join(["time_s,temperature_c,humidity_percent", *rows]) + "\n")
+    assert status == 0 and "stands at 0 %RH" in said and (tmp_path / "out.html").stat().st_size > 0

@@ -7,15 +7,18 @@ import numpy as np
 import pytest
 from benchmark_scripts import benchmark
 
+from shockrig.analysis.flight import humidity_channel
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.doubts import doubts, profile_doubts
 from shockrig.analysis.flight.flight_channel import reach
+from shockrig.analysis.flight.response import film_response
 from shockrig.analysis.flight.screen import DEGF, EXCHANGED, resolution_of, screen, without_codes
 from shockrig.analysis.flight.simulated.scenes import to_flight
 from shockrig.analysis.flight.simulated.sensor import fly
 from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.flight.simulated.weather import convective, frontal
 from shockrig.analysis.flight.stretches import Felt, largest_share, scatter, stuck_rows
+from shockrig.analysis.physics.air_exchange import Stream
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa
 from shockrig.files.flight import Flight
 from shockrig.files.flight_figure import changes_of
@@ -1029,6 +1032,35 @@ def test_times_in_minutes_are_told_by_the_climb():
     minutes = dataclasses.replace(climbing, time_s=log.time_s / 60.0)
     said = [any("seem to be in minutes" in note for note in correct(one, PROFILE).notes) for one in (climbing, minutes)]
     assert said == [False, True]
+
+
+def test_a_rocket_that_coasts_is_no_log_in_minutes():
+    """Before: half of it rises by more than 100 m/s, and none of its rows was corrected."""
+    log = flight().at(np.arange(0, 600))
+    time_s = 0.04 * np.arange(600.0)
+    coasting = 260.0 * time_s - 5.5 * time_s**2 + 0.3 * np.random.default_rng(2).standard_normal(600)
+    done = correct(dataclasses.replace(log, time_s=time_s, altitude_m=coasting), PROFILE)
+    assert not any("seem to be in minutes" in note for note in done.notes)
+    assert np.isfinite(done.temperature_uncertainty_k).all()
+
+
+def test_long_times_are_said_without_powers_of_ten():
+    log = flight().at(np.arange(0, 600))
+    leaps = dataclasses.replace(log, time_s=log.time_s + np.where(np.arange(600) < 300, 0.0, 14540.0))
+    assert any(note.startswith("the clock steps by +14540 s") for note in correct(leaps, PROFILE).notes)
+    stands = dataclasses.replace(log, time_s=20.0 * log.time_s, humidity_percent=np.full(600, 41.0))
+    assert any("stands at 41 %RH for 1198 s of 1198 s" in note for note in doubts(stands))
+
+
+def test_rows_without_vapour_tell_nothing_of_what_goes_with_the_temperature():
+    """Warnings are errors here. Before: an overflow, where a hot balloon's sensor read 0 %RH and then more."""
+    rng = np.random.default_rng(4)
+    temperature = np.cumsum(0.02 * rng.standard_normal(3000))
+    vapour = 2e4 - 2e3 * temperature
+    air = film_response(PROFILE.humidity, np.full(3000, 20.0), Stream(np.full(3000, 5.0)))
+    some = np.where(np.arange(3000) > 2900, 0.0, 2e3)
+    found = humidity_channel._coupling(0.1 * np.arange(3000), vapour, temperature, np.zeros(3000), some, air)
+    assert found > 0.3
 
 
 def test_columns_in_one_anothers_place_are_said_and_given_as_read():
