@@ -8,8 +8,10 @@ sensor that is read most often; what is read more seldom stands in the nearest r
 from __future__ import annotations
 
 import csv
+import shutil
 import tempfile
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -87,7 +89,11 @@ def to_csv(
         from shockrig.files.flight_from_netcdf import read_netcdf
 
         found, said = read_netcdf(source, columns or {})
-    elif (read := _by_content(source)) is not None or (read := _by_guess(source, columns)) is not None:
+    elif (read := _by_content(source)) is not None:
+        found, said = read
+    elif not columns and (unfolded := _unfolded(source, target)) is not None:
+        return unfolded
+    elif (read := _by_guess(source, columns)) is not None:
         found, said = read
     else:
         return None
@@ -114,6 +120,27 @@ def _by_content(source: Path) -> tuple[dict[str, Series], tuple[str, ...]] | Non
             f"{shown(source)}: a track of FlySight 1, which has positions and no temperature; give the sensor's own log"
         )
     return read_telemetry(source) if first.startswith(("{", "[")) else None
+
+
+def _unfolded(source: Path, target: Path) -> AsCsv | None:
+    """Write a log whose readings stand behind their names ("t=15.2C h=83.8%"); None of one whose columns hold them."""
+    from shockrig.files.flight_labelled import unfold
+
+    with suppress(InputError):
+        if {"temperature", "humidity"} & read_layout(source).place.keys():
+            return None
+    with tempfile.TemporaryDirectory() as folder:
+        table = Path(folder) / f"{source.stem}.csv"
+        if not (names := unfold(source, table)):
+            return None
+        try:
+            done = to_csv(table, target)
+        except InputError as error:
+            raise InputError(str(error).replace(shown(table), shown(source))) from None
+        if done is None:
+            shutil.copyfile(table, target)
+    said = f"readings that stand behind their names were read as columns: {', '.join(names)}"
+    return AsCsv((said, *(done.said if done is not None else ())))
 
 
 def _by_guess(source: Path, columns: Mapping[str, str] | None) -> tuple[dict[str, Series], tuple[str, ...]] | None:

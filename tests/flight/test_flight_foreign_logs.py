@@ -458,3 +458,35 @@ def test_a_humidity_that_stands_at_zero_has_its_page(tmp_path, capsys):
     rows = [f"{0.5 * i:g},{20 + np.sin(i / 20.0):.3f},0" for i in range(400)]
     status, said = run(tmp_path, capsys, "\n".join(["time_s,temperature_c,humidity_percent", *rows]) + "\n")
     assert status == 0 and "stands at 0 %RH" in said and (tmp_path / "out.html").stat().st_size > 0
+
+
+def test_readings_behind_their_names_in_a_column_of_text_are_read(tmp_path, capsys):
+    """As radiosondy.info exports what sondes send by APRS. Before: neither temperature nor humidity was found."""
+    t, h = 15.2 - 0.1 * np.arange(120), 60.0 + 10.0 * np.sin(np.arange(120) / 9.0)
+    rows = [
+        f"S123;52.0{i:03d};17.1;{100 + 20 * i};2023-05-11 10:{i // 30:02d}:{2 * i % 60:02d};"
+        f"Clb=5.0m/s t={t[i]:.1f}C h={h[i]:.1f}% 403.01MHz Type=RS41-SGP"
+        for i in range(120)
+    ]
+    text = "\n".join(["SONDE;Latitude;Longitude;Altitude;Datetime;Description", *rows]) + "\n"
+    status, said = run(tmp_path, capsys, text)
+    done = pandas.read_csv(tmp_path / "out.csv")
+    assert status == 0 and "read as columns: Clb (m/s), temperature (C), humidity (%)" in said
+    np.testing.assert_allclose(done["temperature (C)"], t, atol=0.051)
+    assert done["humidity_corrected_percent"].notna().all() and done["Altitude"].iloc[-1] == 100 + 20 * 119
+
+
+def test_lines_of_names_and_readings_are_read(tmp_path, capsys):
+    """As a CanSat's debug port writes them; a line that was cut lacks what is behind. Before: no columns were found."""
+    rows = [f"SGCan>Time:{0.5 * i:g}|Temp:{20 + 0.01 * i:.2f}|Press:{1000 - i}|Lat:69.29|" for i in range(100)]
+    rows[40] = rows[40][:24]
+    status, said = run(tmp_path, capsys, "\n".join(["Starting up", *rows]) + "\n")
+    done = pandas.read_csv(tmp_path / "out.csv")
+    assert status == 0 and "read as columns: Time, Temp, Press, Lat" in said
+    assert len(done) == 100 and done["Temp"].iloc[-1] == 20.99 and np.isnan(done["Press"].iloc[40])
+
+
+def test_a_remark_with_numbers_in_it_is_no_column(tmp_path, capsys):
+    rows = [f"{0.5 * i:g},{20 + 0.01 * i:.2f},T=5 n=3" for i in range(100)]
+    status, said = run(tmp_path, capsys, "\n".join(["time_s,temperature_c,note", *rows]) + "\n")
+    assert status == 0 and "read as columns" not in said

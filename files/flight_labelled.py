@@ -1,0 +1,84 @@
+"""Readings that stand behind their names, as APRS comments and debug ports have them: "t=15.2C h=83.8%",
+"Time:184|Press:841|Temp:23".
+
+Each name becomes a column, with the unit behind its numbers; the columns of a table that has such a text in it stay.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from itertools import chain, islice
+from pathlib import Path
+
+from shockrig.files.disk import open_text
+from shockrig.files.flight import REMEDY, without_nul
+from shockrig.files.unit_names import known_unit, quantity_of
+
+NAMED = re.compile(
+    r"(?<![A-Za-z0-9_.])([A-Za-z]\w{0,24})\s?[=:]\s?([-+]?\d+(?:\.\d+)?)\s?((?:[°*]?[A-Za-z]|%)[A-Za-z/]{0,6})?(?![\w.:])"
+)
+SAMPLE_LINES = 200  # that tell which names there are
+MOST = 0.5  # of the lines, that hold a name
+FEWEST_NAMES = 2  # on a line: one by itself may be a remark
+SEPARATORS = ";,\t"
+
+
+def unfold(source: Path, target: Path) -> tuple[str, ...] | None:
+    """Write a log whose readings stand behind their names as a CSV file; the names that were found, None of any other.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read.
+    """
+    with open_text(source, REMEDY, errors="replace") as stream:
+        lines = list(islice(without_nul(stream), SAMPLE_LINES))
+    units: dict[str, Counter[str]] = {}
+    count: Counter[str] = Counter()
+    for line in lines:
+        found = {name: unit for name, _, unit in NAMED.findall(line)}
+        count.update(found.keys())
+        for name, unit in found.items():
+            units.setdefault(name, Counter())[unit] += 1
+    names = [name for name, rows in count.items() if rows > MOST * len(lines)]
+    if len(names) < FEWEST_NAMES:
+        return None
+    columns = [_column(name, units[name].most_common(1)[0][0]) for name in names]
+    with (
+        open_text(source, REMEDY, errors="replace") as stream,
+        target.open("w", newline="", encoding="utf-8") as written,
+    ):
+        writer = csv.writer(written, lineterminator="\n")
+        kept, rows = _table(without_nul(stream))
+        writer.writerow([*kept, *columns])
+        for cells, text in rows:
+            number = {name: value for name, value, _ in NAMED.findall(text)}
+            if number.keys() & set(names):
+                writer.writerow([*cells, *(number.get(name, "") for name in names)])
+    return tuple(columns)
+
+
+def _column(name: str, unit: str) -> str:
+    """The name of a column with its unit; a letter by itself ("t", "h") is what its unit measures."""
+    meant = quantity_of("1", known_unit(unit)) if len(name) == 1 else None
+    return f"{meant or name} ({unit})" if unit else name
+
+
+def _table(lines: Iterator[str]) -> tuple[list[str], Iterator[tuple[Sequence[str], str]]]:
+    """The other columns' names of a table whose first line has no such readings, and of each row its other cells and
+    all of its text; no names and cells of lines that are nothing but readings."""
+    first = next(lines, "")
+    separator = max(SEPARATORS, key=first.count)
+    if NAMED.search(first) or not first.count(separator):
+        return [], (((), line) for line in chain([first], lines))
+    header = next(csv.reader([first], delimiter=separator))
+    width = len(header)
+
+    def rows() -> Iterator[tuple[Sequence[str], str]]:
+        for cells in csv.reader(lines, delimiter=separator):
+            yield [*cells, *[""] * width][:width], separator.join(cells)
+
+    return header, rows()
