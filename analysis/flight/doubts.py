@@ -10,11 +10,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.flight.response import LagResponse, bead_response, film_response
+from shockrig.analysis.flight.response import LagResponse, bead_response, film_response, reference_stream
 from shockrig.analysis.flight.screen import resolution_of, stairs
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.flight.stretches import scatter
-from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S, REFERENCE_C, Stream
+from shockrig.analysis.physics.air_exchange import REFERENCE_C
 from shockrig.analysis.physics.standard_atmosphere import pressure_altitude_m
 from shockrig.files.flight import Flight
 from shockrig.files.numbers import SINCE_1970_S, counted, short
@@ -41,27 +41,20 @@ def profile_doubts(profile: Profile) -> list[str]:
     found = []
     bodies = profile.bodies
     if (part := profile.temperature) is not None:
-        response = bead_response(part, _stream(REFERENCE_C), bodies["imet"])
+        response = bead_response(part, reference_stream(REFERENCE_C), bodies["imet"])
         found += _time_doubts("temperature", "alpha", response, part.response_time_s)
     if (film := profile.humidity) is not None:
         for row in film.diffusivity_table:
             at_c = row.ambient_temperature_c
-            response = film_response(film, np.array([at_c]), _stream(at_c), bodies["hyt"])
+            response = film_response(film, np.array([at_c]), reference_stream(at_c), bodies["hyt"])
             found += _time_doubts("humidity", f"D at {at_c:g} degC", response, row.response_time_s)
         found += _table_doubts(film)
     remedy = "; look at the profile before anything that is corrected with it is used"
     return [f"profile: {one}{remedy if one is found[-1] else ''}" for one in found]
 
 
-def _stream(at_c: float) -> Stream:
-    return Stream(np.array([REFERENCE_AIRFLOW_M_S]), temperature_c=np.array([at_c]))
-
-
 def _time_doubts(channel: str, of: str, response: LagResponse, stated: ResponseTime | None) -> list[str]:
-    modes = response.modes()
-    since = np.geomspace(1e-3, 1e2, 2000) * float(-np.sum(modes.amplitude / modes.rate))
-    shown = 1.0 + np.exp(-np.outer(since, modes.rate)) @ modes.amplitude
-    t63_s = float(since[np.argmax(shown >= 1.0 - np.exp(-1.0))])
+    t63_s = response.t63_s
     possible = LIKELY_RANGES["response_s"]
     if not possible.holds(t63_s):
         return [f"{channel}: {of} makes a sensor with 63 % in {t63_s:.2g} s; expected {possible} s"]

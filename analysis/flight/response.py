@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from shockrig.analysis.estimate.effect import Values
 from shockrig.analysis.flight.undo_readout import Acting, Stated, acting, propagated
-from shockrig.analysis.physics.air_exchange import Stream
+from shockrig.analysis.physics.air_exchange import REFERENCE_AIRFLOW_M_S, Stream
 from shockrig.analysis.physics.bodies import BODIES, Body
 from shockrig.analysis.physics.modes import Modes, first_order, in_series, slowest
 from shockrig.files.profile import HumidityProfile, TemperatureProfile
@@ -167,6 +167,14 @@ class LagResponse:
         """The largest of these time constants: the sensor at its slowest."""
         return float(np.max(self.slow_s))
 
+    @cached_property
+    def t63_s(self) -> float:
+        """Time [s] to 63 % of a step at the first instant."""
+        modes = self.modes()
+        since = np.geomspace(1e-3, 1e2, 2000) * float(-np.sum(modes.amplitude / modes.rate))
+        shown = 1.0 + np.exp(-np.outer(since, modes.rate)) @ modes.amplitude
+        return float(since[np.argmax(shown >= 1.0 - np.exp(-1.0))])
+
     def clean(self, frequency_hz: Array, row: int = 0) -> NDArray[np.complex128]:
         """Transfer function from the air to the reading at one instant, continuous in time."""
         s = 2j * np.pi * np.asarray(frequency_hz)[..., None]
@@ -189,6 +197,11 @@ class LagResponse:
         rates = np.concatenate([p.rate for p in parts])
         order = np.argsort(rates)
         return Modes(amplitude[order], rates[order])
+
+
+def reference_stream(temperature_c: float) -> Stream:
+    """One instant at the airflow that rates are stated for."""
+    return Stream(np.array([REFERENCE_AIRFLOW_M_S]), temperature_c=np.array([temperature_c]))
 
 
 def bead_response(part: TemperatureProfile, stream: Stream, body: str = "sphere") -> LagResponse:

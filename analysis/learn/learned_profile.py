@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 
 from shockrig.analysis.effects import CATALOGUE, OF_FLIGHT
+from shockrig.analysis.flight.response import LagResponse, bead_response, film_response, reference_stream
 from shockrig.analysis.learn.bins import REFERENCE_TEMPERATURE_C
 from shockrig.analysis.learn.laws import BESIDE_BEAD, LAWS, descent_from_m_s
 from shockrig.analysis.learn.learn import ChannelLearned, FlightCause, FlightsLearned, LearnedNumber
+from shockrig.analysis.physics.air_exchange import REFERENCE_C
 from shockrig.files.causes import StatedEffect, Uncertain
-from shockrig.files.errors import InputError
-from shockrig.files.profile import DiffusivityRow, HumidityProfile, Profile, TemperatureProfile
+from shockrig.files.profile import DiffusivityRow, HumidityProfile, Profile, ResponseTime, TemperatureProfile
 from shockrig.files.profile_data import BEAD_RADIUS_M, FILM_THICKNESS_M
 
 ROWS_K = 10.0  # between rows of a table of D over temperature
@@ -26,23 +27,27 @@ def stated_by(profile: Profile, temperature_c: float) -> dict[str, tuple[float, 
     """What a bench has found, as `learn` takes it: mean and standard deviation of ln tau; of a film whose D(T) was
     measured at several temperatures, also of tau at 20 degC and how it grows in the cold.
 
-    Raises
-    ------
-    InputError
-        The profile states no response time.
+    A profile that states no response time, as one by hand, has the one that its rate makes.
     """
     found = {}
     if (t := profile.temperature) is not None:
         relative = t.thermal_diffusivity_m2_s.standard_uncertainty / t.thermal_diffusivity_m2_s.value
-        found["temperature.time_constant_s"] = (_log_time(t.response_time_s, "temperature"), relative)
+        bead = bead_response(t, reference_stream(REFERENCE_C), profile.bodies["imet"])
+        found["temperature.time_constant_s"] = (_log_time(t.response_time_s, bead), relative)
     if (h := profile.humidity) is not None:
         row = min(h.diffusivity_table, key=lambda one: abs(one.ambient_temperature_c - temperature_c))
         relative = row.standard_uncertainty / row.diffusivity_m2_s
-        found["humidity.time_constant_s"] = (_log_time(row.response_time_s, "humidity"), relative)
-        rows = [row for row in h.diffusivity_table if row.response_time_s is not None]
+        body = profile.bodies["hyt"]
+
+        def log_time(row: DiffusivityRow) -> float:
+            at_c = row.ambient_temperature_c
+            return _log_time(row.response_time_s, film_response(h, np.array([at_c]), reference_stream(at_c), body))
+
+        found["humidity.time_constant_s"] = (log_time(row), relative)
+        rows = [row for row in h.diffusivity_table if row.response_time_s is not None] or list(h.diffusivity_table)
         if len({row.ambient_temperature_c for row in rows}) > 1:
             cold = REFERENCE_TEMPERATURE_C - np.array([row.ambient_temperature_c for row in rows])
-            times = np.array([_log_time(row.response_time_s, "humidity") for row in rows])
+            times = np.array([log_time(row) for row in rows])
             known = np.array([max(row.standard_uncertainty / row.diffusivity_m2_s, 1e-3) for row in rows])
             columns = np.column_stack([np.ones(cold.size), cold]) / known[:, None]
             at, growth = np.linalg.lstsq(columns, times / known, rcond=None)[0]
@@ -54,10 +59,8 @@ def stated_by(profile: Profile, temperature_c: float) -> dict[str, tuple[float, 
     return {key: (mean, max(sigma, 1e-3)) for key, (mean, sigma) in found.items()}
 
 
-def _log_time(times: Any, channel: str) -> float:
-    if times is None:
-        raise InputError(f"--profile: {channel} states no response time (response_time_s); characterize anew")
-    return float(np.log(times.t63_s))
+def _log_time(stated: ResponseTime | None, response: LagResponse) -> float:
+    return float(np.log(response.t63_s if stated is None else stated.t63_s))
 
 
 def learned_profile(

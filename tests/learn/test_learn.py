@@ -27,7 +27,14 @@ from shockrig.analysis.learn.pair import beside, with_clock
 from shockrig.analysis.learn.passes import Disagreement, disagreement
 from shockrig.files.flight import Flight
 from shockrig.files.learned import read_learned
-from shockrig.files.profile import DiffusivityRow, HumidityProfile, Profile, read_profile
+from shockrig.files.profile import (
+    DiffusivityRow,
+    HumidityProfile,
+    Profile,
+    TemperatureProfile,
+    Uncertain,
+    read_profile,
+)
 from shockrig.files.profile_data import ResponseTime
 from shockrig.protocols.cli import main
 from shockrig.protocols.commands.correct import offered
@@ -245,6 +252,18 @@ def test_a_bench_says_how_a_film_slows_in_the_cold():
     known = {one.name: one.mean for one in known_of((LAWS["humidity.lag_in_the_cold"],), said)}
     assert np.exp(known["time_constant_s"]) == pytest.approx(8.0)
     assert np.exp(known_of((LAWS["humidity.lag"],), said)[0].mean) == pytest.approx(8.0 * np.exp(0.8))
+
+
+def test_a_profile_by_hand_has_the_response_times_that_its_rates_make():
+    """One lag each of R²/alpha = 8 ± 2 s and L²/D = 5 ± 2 s, as the page on flights states them. Before: refused, with
+    the remedy to characterize the sensor anew, where `correct` had named this command."""
+    bead = TemperatureProfile(Uncertain(2e-8, 5e-9), bead_radius_m=4e-4)
+    film = HumidityProfile(tuple(DiffusivityRow(at, 2e-11, 8e-12) for at in (-30.0, 40.0)), film_thickness_m=1e-5)
+    lumped = {sensor: {"body": "lumped"} for sensor in ("imet", "hyt")}
+    said = stated_by(Profile(temperature=bead, humidity=film, sensors=lumped), 10.0)
+    for channel, seconds, relative in (("temperature", 8.0, 0.25), ("humidity", 5.0, 0.4)):
+        mean, sigma = said[f"{channel}.time_constant_s"]
+        assert np.exp(mean) == pytest.approx(seconds, rel=0.01) and sigma == pytest.approx(relative)
 
 
 def test_wash_that_cools_bead_and_film_is_one_offset(coarse):
