@@ -348,6 +348,8 @@ def disagree(one: ChannelLearned) -> str:
     unit = "K" if one.channel == "temperature" else "%RH"
     parts = [
         f"{name} by {off.mean:+.2g} {unit} on average and {off.spread:.2g} {unit} about it"
+        if np.isfinite(off.mean)
+        else f"{name} in no layer that can be compared"
         for name, off in (("as read", one.read), ("with one lag", one.single), ("with the model", one.model))
     ]
     whose = "passes of flights that were not fitted" if len(set(one.read.flight)) > 1 else "passes of the flight fitted"

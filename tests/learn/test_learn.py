@@ -254,6 +254,15 @@ def test_a_bench_says_how_a_film_slows_in_the_cold():
     assert np.exp(known_of((LAWS["humidity.lag"],), said)[0].mean) == pytest.approx(8.0 * np.exp(0.8))
 
 
+def test_passes_of_which_a_model_leaves_none_to_compare_are_said_to():
+    """Before: "with the model by +nan K on average and nan K about it"."""
+    read = Disagreement(("one",) * 3, np.arange(3.0), np.array([1.0, 2.0, 3.0]))
+    none = Disagreement((), np.array([]), np.array([]))
+    one = SimpleNamespace(channel="temperature", verdict="not identifiable", read=read, single=read, model=none)
+    one.gain, one.gains = None, False
+    assert "with the model in no layer that can be compared: no gain" in disagree(one)
+
+
 def test_a_profile_by_hand_has_the_response_times_that_its_rates_make():
     """One lag each of R²/alpha = 8 ± 2 s and L²/D = 5 ± 2 s, as the page on flights states them. Before: refused, with
     the remedy to characterize the sensor anew, where `correct` had named this command."""
