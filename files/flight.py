@@ -78,12 +78,16 @@ NAMES: dict[str, tuple[str, ...]] = {
     ),
     "airspeed": ("airspeedms", "airspeed", "tas", "trueairspeed", "arsp", "airspeedmps"),
     "pressure": ("pressurehpa", "pressure", "xqimetxqpressure", "pres", "press", "pressurepa", "p", "airpressure"),
-    "latitude": ("latitudedeg", "latitude", "lat", "xqimetxqlatitude", "gpslatitude"),
-    "longitude": ("longitudedeg", "longitude", "lon", "lng", "xqimetxqlongitude", "gpslongitude"),
+    "latitude": ("latitudedeg", "latitude", "lat", "xqimetxqlatitude", "gpslatitude", "gpslat", "latgps"),
+    "longitude": (
+        "longitudedeg", "longitude", "lon", "lng", "long", "xqimetxqlongitude", "gpslongitude", "gpslon", "gpslng",
+        "gpslong", "longps",
+    ),
     "altitude": (
         "altitudem", "altitude", "xqimetxqaltitude", "alt", "height", "altagl", "altmsl", "altitudeasl", "altitudeagl",
         "altitudemsl", "z", "gpsaltitude", "gpsalt", "altgps", "hght", "hgt", "gph", "geopotentialheight", "heightmsl",
-        "heightasl", "heightagl",
+        "heightasl", "heightagl", "altitudegps", "baroaltitude", "altitudebaro", "barometricaltitude", "baroalt",
+        "barometeraltitude", "barometeralt", "pressurealtitude",
     ),
     "vertical_speed": (
         "verticalspeedms", "verticalspeed", "risespeedms", "risespeed", "climbratems", "climbrate", "vspeed",

@@ -490,3 +490,10 @@ def test_a_remark_with_numbers_in_it_is_no_column(tmp_path, capsys):
     rows = [f"{0.5 * i:g},{20 + 0.01 * i:.2f},T=5 n=3" for i in range(100)]
     status, said = run(tmp_path, capsys, "\n".join(["time_s,temperature_c,note", *rows]) + "\n")
     assert status == 0 and "read as columns" not in said
+
+
+def test_positions_and_heights_by_gps_and_barometer_are_known_by_name(tmp_path):
+    flight = read(
+        tmp_path, "time,temp,gps_lat,gps_long,baro_alt", [f"{i},20.{i},48.1,11.{i},{500 + i}" for i in range(9)]
+    )
+    assert flight.latitude_deg[0] == 48.1 and flight.longitude_deg[8] == 11.8 and flight.altitude_m[8] == 508
