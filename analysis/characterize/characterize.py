@@ -23,9 +23,10 @@ from shockrig.analysis.checks.campaign_checks import checked
 from shockrig.analysis.estimate.effect import SingleReadings
 from shockrig.analysis.estimate.fit import fit
 from shockrig.analysis.estimate.gather import build_channel, usable_runs, why_none
-from shockrig.analysis.estimate.noise import estimate_noise
+from shockrig.analysis.estimate.noise import COARSE_IN_NOISE, estimate_noise
 from shockrig.analysis.estimate.problem import posterior_scatter
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, looked_for
+from shockrig.analysis.estimate.without_model import rounding_step
 from shockrig.files.campaign import Campaign
 from shockrig.files.errors import InputError
 from shockrig.files.numbers import counted
@@ -139,8 +140,9 @@ def characterize_channel(
         if effect.readout.dated and effect.readout.in_readings:
             whole = effect.readout.in_readings(SingleReadings(whole))[0].channel
     say(f"{name}: {counted(whole.runs, 'run')}, noise from the plateaus")
-    noise = estimate_noise(whole)
-    rounding = 0.0
+    noise, rounding = estimate_noise(whole), 0.0
+    if (step := rounding_step(whole)) > COARSE_IN_NOISE * noise.standard_deviation:
+        noise, rounding = estimate_noise(whole, step, coarse=True), step
     for effect in extension.structure.effects:
         if effect.readout.rounded_to:
             rounding = effect.readout.rounded_to(extension.structure.held_values(effect.id))

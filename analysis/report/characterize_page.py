@@ -248,7 +248,7 @@ def _number_blocks(result: Characterization) -> list[Block]:
 def _noise_words(found: ChannelResult) -> str:
     noise, unit = found.noise, UNIT[found.channel.name]
     if noise.correlated < 0.1 * noise.standard_deviation:
-        words = "white"
+        words = f"rounded to {plain(noise.step, 2)} {unit}" if noise.step else "white"
     else:
         memory = -found.channel.reading_period_s / np.log(np.clip(noise.memory, 1e-9, 0.9999))
         words = (

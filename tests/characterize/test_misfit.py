@@ -62,3 +62,15 @@ def test_runs_that_no_model_joins_are_refused_with_the_times_that_they_show(tmp_
     said = r"the runs disagree in alpha by 1\d\d% \(seen in the readings, 63 % of the way takes 1\.9 to 10\d s\)"
     with pytest.raises(InputError, match=said):
         characterize(campaign, channels=["temperature"], quickly=True)
+
+
+def test_readings_that_are_rounded_coarsely_are_as_noisy_as_that_makes_them(tmp_path):
+    """At rest they show no noise at all, beside which every model had been off by a thousand times as much."""
+    runs = []
+    for run in range(4):
+        time = np.arange(-200.0, 600.0)
+        value = 20.2 + 19.7 * (run % 2 + (1 - 2 * (run % 2)) * (1.0 - np.exp(-np.maximum(time, 0.0) / 60.0)))
+        runs.append((time - time[0], 0.5 * np.round(value / 0.5)))
+    found = characterize(logged(tmp_path, runs, start_s=200.0), channels=["temperature"], quickly=True).temperature
+    assert found.explained and found.noise.standard_deviation == pytest.approx(0.5 / np.sqrt(12.0), rel=0.05)
+    assert found.rows[0].response.t63_s == pytest.approx(60.0, rel=0.02)
