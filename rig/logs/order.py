@@ -172,9 +172,20 @@ def _sessions(time_s: Array, rows: Index) -> list[Index]:
     for k in map(int, back):
         so_far = highest[k - 1] if edges[-1] == 0 else moments[edges[-1] : k].max()
         following = moments[k : k + LOCAL]
-        if following.size > FEW_ROWS and following.max() < so_far:
+        if following.size > FEW_ROWS and _goes_over_again(following, so_far):
             edges.append(k)
     return [rows[a:b] for a, b in zip(edges, [*edges[1:], rows.size], strict=True)]
+
+
+def _goes_over_again(following: Array, so_far: float) -> bool:
+    """Whether rows behind a stamp that went back stay before `so_far`, or come to it as they go on: rows that came late
+    leap to what follows it."""
+    beyond = np.flatnonzero(following > so_far)
+    if not beyond.size:
+        return True
+    first = int(beyond[0])
+    steps = np.diff(following[: first + 1])
+    return first > FEW_ROWS and bool(steps[-1] <= 2.0 * np.median(steps))
 
 
 def _without_repeats(time_s: Array, values: Mapping[str, Array], order: Index) -> tuple[Index, int]:

@@ -553,6 +553,22 @@ def test_a_unit_in_the_cells_of_the_times_is_theirs(tmp_path):
     log = written(tmp_path / "log.csv", text(["time,temp", *rows]))
     map_ = written(tmp_path / "m.toml", look_at([log], tmp_path / "m.toml").text)
     assert run(log, "--map", map_, "--out", tmp_path / "c") == 0
+def test_a_clock_that_starts_anew_after_few_rows_loses_none():
+    """A first session of 46 rows had been sorted into the second one, and its readings left out."""
+    stamps = np.concatenate([np.arange(1.0, 47.0), np.arange(1.0, 511.0)])
+    ordered = in_order(stamps, {}, range(stamps.size), "auto")
+    assert ordered.pieces == (slice(0, 46), slice(46, 556)) and (ordered.time_s == stamps).all()
+    assert any("the clock starts anew once" in said for said in ordered.remarks)
+
+
+@pytest.mark.parametrize("late", [slice(60, 70), slice(60, 61), slice(20, 80)])
+def test_rows_that_came_late_are_sorted_however_many_they_are(late):
+    rows = np.arange(200.0)
+    behind = np.concatenate([rows[: late.start], rows[late.stop : 90], rows[late], rows[90:]])
+    ordered = in_order(behind, {}, range(200), "auto")
+    assert ordered.pieces == (slice(0, 200),) and (ordered.time_s == rows).all()
+
+
     runs = read_campaign(tmp_path / "c").runs
     assert len(runs) == 3 and np.diff(runs[0].imet.time_s) == pytest.approx(0.5, abs=1e-3)
 
