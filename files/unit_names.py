@@ -61,22 +61,22 @@ _ALIASES = {
     "knots": ("knots", "kt", "kts", "kn"),
     "mph": ("mph",),
     "ft/min": ("ft/min", "fpm"),
-    "s": ("s", "sec", "secs", "second", "seconds", "sek"),
+    "s": ("s", "sec", "secs", "second", "seconds", "sek", "sekunden", "seg", "segundo", "segundos", "secondi"),
     "ms": ("ms", "msec", "millis", "milliseconds", "millisecond"),
     "us": ("us", "µs", "μs", "usec", "micros", "microseconds"),
-    "min": ("min", "mins", "minute", "minutes"),
-    "h": ("h", "hr", "hrs", "hour", "hours"),
-    "days": ("d", "day", "days"),
+    "min": ("min", "mins", "minute", "minutes", "minuten", "minuto", "minutos", "minuti"),
+    "h": ("h", "hr", "hrs", "hour", "hours", "std", "stunde", "stunden", "horas", "heures"),
+    "days": ("d", "day", "days", "tage", "dias", "jours"),
     "km": ("km",),
     "ft": ("ft", "feet"),
 }  # a letter "m" behind a name is seldom a metre
 _UNIT_OF = {alias: unit for unit, aliases in _ALIASES.items() for alias in (*aliases, unit.lower())}
 _QUANTITY_OF = {unit: quantity for quantity, units in UNITS.items() for unit in units}
 _WORDS = {
-    "humidity": ("humid", "feucht", "humedad", "rh", "hum", "relh", "hr"),
+    "humidity": ("umid", "feucht", "humedad", "rh", "hum", "relh", "hr"),
     "pressure": ("press", "pres", "druck", "baro", "pstat"),
     "airflow": ("wind speed", "windspeed", "wind_speed", "airflow", "air_flow", "airspeed", "air speed", "anemom"),
-    "temperature": ("temp", "tair", "therm", "rtd", "ntc", "pt100", "pt1000", "bead", "t_air", "celsius"),
+    "temperature": ("temp", "tmp", "tair", "therm", "rtd", "ntc", "pt100", "pt1000", "bead", "t_air", "celsius"),
 }
 _OTHER = (
     "dew", "frost", "batt", "volt", "heat index", "wind chill", "wet bulb", "wet-bulb", "potential", "setpoint",

@@ -33,6 +33,7 @@ _TIMES = (
     "%H:%M:%S.%f", "%H:%M:%S", "%H:%M:%S:%f", "%I:%M:%S %p", "%I:%M:%S.%f %p", "%H:%M", "%I:%M %p", "%H.%M.%S",
     "%H_%M_%S", "%H%M%S", "%H %M %S", "%H %M",
 )  # fmt: skip
+_ZONES = (" UTC", " GMT")  # behind a time, as many services write it: a format of strptime has it as it stands
 
 # A date whose parts stand in a column each; a month and a minute may both be called mm, and are then told by capitals.
 _PARTS = {
@@ -148,13 +149,17 @@ def _is_other(name: str, unit: str | None) -> bool:
     return bool(counters([name])) or squeeze(bare_name(name)) in _READ or quantity_of(name, unit) is not None
 
 
-def guess_format(cells: Sequence[str]) -> tuple[str | None, str]:
+def guess_format(cells: Sequence[str], may_be_iso: bool = True) -> tuple[str | None, str]:
     """Format of a column of dates or times of day, and what is in doubt; None where they are neither."""
     texts = [half_day(cell.strip()) for cell in cells if cell.strip()]
     if not texts or sum(NUMBER.fullmatch(text) is not None for text in texts) > len(texts) / 2:
         return None, ""
     some = texts[:: max(1, len(texts) // 40)]
-    if _share(_is_iso, some) > 0.9:
+    for zone in _ZONES:
+        if sum(text.endswith(zone) for text in some) > 0.9 * len(some):
+            format_, doubt = guess_format([text.removesuffix(zone) for text in some], may_be_iso=False)
+            return (None if format_ in (None, OF_DAY) else f"{format_}{zone}"), doubt
+    if may_be_iso and _share(_is_iso, some) > 0.9:
         return ISO, ""
     if _share(lambda text: re.fullmatch(r"\d{1,3}:\d{1,2}(:\d{1,2}([.,]\d+|:\d{3})?)?", text) is not None, some) > 0.9:
         return OF_DAY, ""

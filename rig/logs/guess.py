@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from shockrig.files.flight import NAMES
 from shockrig.files.unit_names import UNITS, bare_name, is_called_time, quantity_of, squeeze, unit_by_letter
-from shockrig.rig.logs.apart import says_whose
 from shockrig.rig.logs.clock_columns import guess_clock
 from shockrig.rig.logs.known import SensorGuess, adjust
 from shockrig.rig.logs.mapping import COLUMNS
@@ -21,8 +20,8 @@ from shockrig.rig.logs.text import NUMBER, Scan, is_value, unit_of_all, unit_sai
 Array = NDArray[np.float64]
 
 _WORDS = re.compile(
-    r"(air[ _-]*)?(temperature|temperatur|temp|thermistor|tair)"
-    r"|(rel(ative)?[ _.-]*)?(humidity|humid|luftfeuchte|feuchte|rh|hum)"
+    r"(air[ _-]*)?(temperatur(as?|es|en)(?![a-z])|temperature|temperatur|temps(?![a-z])|temp|tmp|thermistor|tair)"
+    r"|(rel(ative)?[ _.-]*)?(h?umid(ity|ade|it[àa])?|humedad|luftfeuchte|feuchte|rh|hum)"
     r"|(baro(metric)?[ _-]*)?(pressure|press|pres|druck)",
     re.I,
 )
@@ -182,13 +181,11 @@ def _of_a_pair(name: str, names: Sequence[str]) -> str | None:
 
 
 def _of_its_sensor(name: str, names: Sequence[str], rows: Sequence[Sequence[str]]) -> str | None:
-    """What a column that is called a value of whatever kind holds, where the column that says whose it is says so:
+    """What a column that is called a value of whatever kind holds, where another column says so in its rows:
     sensor.attic_temperature. Of several sensors the first one that says it."""
     if bare_name(name).lower() not in VALUES:
         return None
-    said = (
-        cell for k, other in enumerate(names) if says_whose(other) for cell in dict.fromkeys(row[k] for row in rows)
-    )
+    said = (cell for k in range(len(names)) for cell in dict.fromkeys(row[k] for row in rows))
     return next(
         (quantity for cell in said if (quantity := quantity_of(cell, None)) in ("temperature", "humidity")), None
     )

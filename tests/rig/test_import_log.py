@@ -46,6 +46,10 @@ def run(*arguments):
 
 @pytest.mark.parametrize("way", WAYS)
 def test_every_way_of_writing_gives_the_same_runs(tmp_path, way, capsys):
+def rows_of_log():
+    return zip(LOG.time_s, LOG.temperature_c, LOG.humidity_percent, strict=True)
+
+
     """Imported by the map that a first look writes: three runs, their steps found, every reading as recorded."""
     log = written(tmp_path / "log.csv", WAYS[way])
     map_ = written(tmp_path / "log.toml", look_at([log], tmp_path / "log.toml").text)
@@ -412,6 +416,47 @@ def test_dates_with_times_of_day_that_go_on_are_the_clock_whatever_their_column_
 
 def test_a_date_in_parts_without_names_is_one(tmp_path, capsys):
     parts = date("%Y %-m %-d %-H %-M %-S")
+@pytest.mark.parametrize("zone", ["UTC", "GMT"])
+def test_a_zone_behind_a_time_is_read(tmp_path, zone):
+    """As ThingSpeak and Adafruit IO export a channel."""
+    stamps = date(f"%Y-%m-%d %H:%M:%S {zone}")
+    lines = lines_of("created_at,entry_id,temperature", lambda t, a, b, n: f"{stamps(2.0 * t)},{n},{a}")
+    log = written(tmp_path / "feeds.csv", text(lines))
+    look = look_at([log], tmp_path / "feeds.toml")
+    assert look.map.time == ("created_at",) and len(look.steps[0]) == 3
+    assert run(log, "--map", written(tmp_path / "m.toml", look.text), "--out", tmp_path / "c") == 0
+    first = read_campaign(tmp_path / "c").runs[0]
+    assert first.started_at.startswith("2026-05-01T12:0") and np.diff(first.imet.time_s) == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("name", "unit_s"), [("Minuto", 60.0), ("Minuten", 60.0), ("segundos", 1.0), ("Stunden", 3600.0)]
+)
+def test_a_unit_of_time_is_known_in_other_languages(tmp_path, name, unit_s):
+    """Minutes that were taken for seconds make every response sixty times as fast."""
+    lines = lines_of(f"{name},temperatura", lambda t, a, b, n: f"{t / unit_s:.6f},{a}")
+    look = look_at([written(tmp_path / "log.csv", text(lines))], tmp_path / "log.toml")
+    assert look.logs[0].log.period_s == pytest.approx(0.5, rel=0.01) and not any("time:" in said for said in look.notes)
+
+
+@pytest.mark.parametrize(
+    ("names", "sensors"),
+    [
+        ("Temperatura,Umidade", {"sensor"}),
+        ("TEMPERATURA 2,HUMEDAD 2", {"sensor2"}),
+        ("Temperatures (C),Umidità", {"sensor"}),
+        ("TMP,umidita", {"sensor"}),
+    ],
+)
+def test_quantities_in_other_languages_are_no_sensors_names(tmp_path, names, sensors):
+    """A column TEMPERATURA had been the temperature of a sensor A, Temperatures that of one s."""
+    lines = lines_of(f"time_s,{names}", lambda t, a, b, n: f"{t:.2f},{a},{b}")
+    look = look_at([written(tmp_path / "log.csv", text(lines))], tmp_path / "log.toml")
+    assert set(look.map.sensors) == sensors
+    (sensor,) = look.map.sensors.values()
+    assert {"temperature", "humidity"} <= set(sensor.columns)
+
+
     log = written(tmp_path / "log.txt", text(lines_of("", lambda t, a, b, n: f"{parts(t)} {a}")[::2]))
     columns = ", ".join(f'"{n + 1}"' for n in range(6))
     map_ = f'[log]\nheader_line = 0\ntime = [{columns}]\n[sensor.x]\ntemperature = "7"\n'
@@ -763,6 +808,14 @@ def test_a_state_is_what_the_row_says_that_it_is_of(tmp_path, capsys):
 
 def test_a_row_that_fills_more_of_the_names_than_the_others_is_one(tmp_path):
     """A Kestrel's first row says also where and when its session was: it stood for metadata, and was lost."""
+def test_a_value_is_what_a_name_in_its_row_says(tmp_path):
+    lines = [f"{t:.2f},Temperature {k},{a + k:.2f}" for t, a, _ in rows_of_log() for k in (1, 2)]
+    log = written(tmp_path / "log.csv", text(["time_s,name,value", *lines]))
+    look = look_at([log], tmp_path / "log.toml")
+    assert 'only = { "name" = "Temperature 1" }' in look.text and '\ntemperature = "value"' in look.text
+    assert len(look.steps[0]) == 3 and look.whose == ("Temperature 1", "Temperature 2")
+
+
     rows = [f"{t};{c:.2f};session" for t, c in zip(LOG.time_s, LOG.temperature_c, strict=True)]
     rows[0] += ";Session 1;here"
     rows[50] += ";Session 2"
