@@ -78,12 +78,14 @@ def fit_onset(channel: LogPiece, change: ChangePoint, since_s: float, until_s: f
     later_s, later = time_s[following], value[following]
     after = _settled(later_s - change.time_s, later, before)
     if after is None and stretch.sum() >= LINE_READINGS:
-        # What was under way before and goes on hides the level: without the line through the readings before.
-        slope = np.polyfit(time_s[stretch] - change.time_s, value[stretch], 1)
-        level, flat = float(slope[1]), later - slope[0] * (later_s - change.time_s)
-        after = _settled(later_s - change.time_s, flat, level)
-        if after is not None:
-            before, later = level, flat
+        # What was under way before and goes on hides the level: without the line through the readings before, for as
+        # long as that was seen.
+        since, line_s = later_s - change.time_s, change.time_s - float(time_s[stretch][0])
+        slope, level = np.polyfit(time_s[stretch] - change.time_s, value[stretch], 1)
+        flat, seen = later - slope * since, since <= line_s
+        settled = _settled(since[seen], flat[seen], level)
+        if settled is not None and abs(settled - level) >= channel.least:
+            before, after, later_s, later = float(level), settled, later_s[seen], flat[seen]
     if after is None:
         after = (
             float(np.median(later[later_s >= change.time_s + 0.9 * (later_s[-1] - change.time_s)]))

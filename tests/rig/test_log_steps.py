@@ -507,3 +507,13 @@ def test_steps_are_told_in_the_order_in_which_they_began(monkeypatch):
     began = iter((610.0, 290.0))
     monkeypatch.setattr(steps, "_steps", lambda *_: [steps.StepInLog(0, next(began), 1.0, (move,))])
     assert [step.at_s for step in find_steps([channel], 0)] == [290.0, 610.0]
+
+
+def test_a_wobble_before_a_step_says_nothing_of_the_level_long_after_it():
+    """A line through a minute of it had been followed for twenty: the level was 3 K short, and the step a ramp's."""
+    time_s = np.arange(0.0, 1450.0, 2.0)
+    since = np.maximum(time_s - 115.0, 0.0)
+    wobble = 0.3 * np.sin(2.0 * np.pi * np.minimum(time_s, 115.0) / 240.0)
+    value = 24.2 + 6.0 * (1.0 - np.exp(-since / 120.0)) + 0.002 * since + wobble
+    (step,) = find_steps([channel_of(time_s, np.round(value * 16.0) / 16.0, "temperature")], 0)
+    assert step.moves[0].after == pytest.approx(value[-1], abs=0.3) and not step.why_not
