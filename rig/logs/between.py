@@ -24,7 +24,7 @@ def quiet_around(
 ) -> list[dict[str, Stretch]]:
     """Of each step of one piece of a log: sensor -> from when to when it shows no change but steps, of those that are
     large beside this one. `groups` are the piece's `groups_of`."""
-    loose = _loose(steps, groups)
+    others = loose(steps, groups)
     places = {channel.name: place for place, channel in enumerate(channels)}
     begun_s: dict[tuple[int, ChangePoint], float] = {}
     found = []
@@ -33,12 +33,12 @@ def quiet_around(
         for move in step.moves:
             place = places[move.channel]
             since_s, until_s = quiet.get(name := move.channel.rsplit(".", 1)[0], (-np.inf, np.inf))
-            for change in _large(channels[place], _changes(loose, place), move):
+            for change in _large(channels[place], changes_of(others, place), move):
                 # Half of the way to it is the step's, whoever cannot tell when it began.
                 half_s = 0.5 * (step.at_s + change.time_s)
                 if change.time_s > step.at_s:
                     if (place, change) not in begun_s:
-                        begun_s[place, change] = _begun_s(channels[place], change, _changes(groups, place))
+                        begun_s[place, change] = _begun_s(channels[place], change, changes_of(groups, place))
                     until_s = min(until_s, max(begun_s[place, change], half_s))
                 else:
                     since_s = max(since_s, min(change.time_s + change.width_s, half_s))
@@ -47,7 +47,7 @@ def quiet_around(
     return found
 
 
-def _loose(steps: Sequence[StepInLog], groups: Sequence[Sequence[Cluster]]) -> list[Sequence[Cluster]]:
+def loose(steps: Sequence[StepInLog], groups: Sequence[Sequence[Cluster]]) -> list[Sequence[Cluster]]:
     """Groups of changes that are none of the steps: each step's is the nearest of those whose windows it lies in."""
     taken = set()
     for step in steps:
@@ -62,7 +62,7 @@ def _may_be(group: Sequence[Cluster], step: StepInLog) -> bool:
     return begin_s <= step.at_s + 2.0 * step.uncertainty_s and step.at_s - 2.0 * step.uncertainty_s <= end_s
 
 
-def _changes(groups: Sequence[Sequence[Cluster]], place: int) -> list[ChangePoint]:
+def changes_of(groups: Sequence[Sequence[Cluster]], place: int) -> list[ChangePoint]:
     """The changes of one channel in groups, in order of time."""
     mine = (change for group in groups for cluster in group for change in cluster.changes.get(place, ()))
     return sorted(mine, key=lambda change: change.time_s)

@@ -329,8 +329,8 @@ def _step_text(sensors: SensorLog, one: LogStep, in_pieces: bool, why_not: str) 
     if len(moved) < len(sensors.readings):
         lines.append(_line(f"sensors = [{', '.join(map(_text, moved))}]", "those that moved"))
     if why_not:
-        beside = "; true beside a reference that measured the air" if step.is_slow_air else ""
-        lines.append(_line("use = false", f"{why_not}{beside}"))
+        beside = "true beside a reference that measured the air" if step.is_slow_air else ""
+        lines += [_line("use = false", beside), _line(f"note = {_text(why_not)}")]
     lines += [f"# {said_of(move, step.at_s)}\n" for move in step.moves]
     return "".join(lines)
 

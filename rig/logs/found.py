@@ -10,13 +10,13 @@ import numpy as np
 
 from shockrig.files.disk import shown
 from shockrig.rig.bench_errors import BenchError
-from shockrig.rig.logs.between import Stretch, quiet_around
+from shockrig.rig.logs.between import Stretch, changes_of, loose, quiet_around
 from shockrig.rig.logs.changes import ChangePoint, LogPiece
 from shockrig.rig.logs.mapping import LogMap, StepMap
 from shockrig.rig.logs.onset import StepOnset, fit_onset
 from shockrig.rig.logs.sensor_logs import SensorLog
 from shockrig.rig.logs.stamps import to_map, to_seconds
-from shockrig.rig.logs.steps import Cluster, StepInLog, find_steps, groups_of, judged
+from shockrig.rig.logs.steps import Cluster, StepInLog, find_steps, groups_of
 
 
 @dataclass(frozen=True)
@@ -69,18 +69,25 @@ def steps_of(sensors: SensorLog, map_: LogMap, several: bool = False) -> tuple[L
         ]
         return _with_quiet([LogStep(n, step) for n, step in enumerate(found, start=1)], pieces, groups)
     placed = sorted((_place(sensors, map_, step) for step in said), key=lambda item: (item[1], item[2]))
+    unsure_s = [
+        sensors.log.period_s / np.sqrt(12.0) if one.uncertainty_s is None else one.uncertainty_s for one, _, _ in placed
+    ]
+    bare = [StepInLog(piece, at_s, float(s), ()) for (_, piece, at_s), s in zip(placed, unsure_s, strict=True)]
+    # Where steps are found, a change ends the one before it, though it makes none: so it does here.
+    others = [loose([step for step in bare if step.piece == k], those) for k, those in enumerate(groups)]
     steps = []
-    for n, (one, piece, at_s) in enumerate(placed):
+    for n, ((one, piece, at_s), step) in enumerate(zip(placed, bare, strict=True)):
         where = f"{shown(map_.path)}: key step[{one.number}]"
-        others = [other_s for _, other, other_s in placed if other == piece]
-        since_s = max((s for s in others if s < at_s), default=-np.inf)
-        until_s = min((s for s in others if s > at_s), default=np.inf)
-        # What others did meanwhile is no answer to a step that a person gives to some sensors.
-        theirs = [
-            channel for channel in pieces[piece] if not one.sensors or channel.name.rsplit(".", 1)[0] in one.sensors
-        ]
-        moves = _moves(theirs, at_s, one.uncertainty_s, since_s, until_s)
-        unsure_s = one.uncertainty_s if one.uncertainty_s is not None else sensors.log.period_s / np.sqrt(12.0)
+        beside_s = [other.at_s for other in bare if other.piece == piece]
+        moves = []
+        for place, channel in enumerate(pieces[piece]):
+            # What others did meanwhile is no answer to a step that a person gives to some sensors.
+            if one.sensors and channel.name.rsplit(".", 1)[0] not in one.sensors:
+                continue
+            seen_s = [*beside_s, *(change.time_s for change in changes_of(others[piece], place))]
+            since_s = max((s for s in seen_s if s < at_s), default=-np.inf)
+            until_s = min((s for s in seen_s if s > at_s), default=np.inf)
+            moves += _moves([channel], at_s, one.uncertainty_s, since_s, until_s)
         times = [
             None if value is None else _on_clock(sensors, value, f"{where}.{key}")
             for key, value in (("from", one.begin), ("until", one.end), ("start", one.start))
@@ -89,13 +96,8 @@ def steps_of(sensors: SensorLog, map_: LogMap, several: bool = False) -> tuple[L
             raise BenchError(
                 f"{where}: from, at and until must follow one another; fix them or leave from and until out"
             )
-        steps.append(LogStep(n + 1, StepInLog(piece, at_s, float(unsure_s), moves), one, times[0], times[1], times[2]))
-    # What was seen to speak against a step is told where the map does not use it.
-    whole = [
-        one if one.said is None or one.said.is_used else replace(one, step=_judged(one.step, steps, pieces))
-        for one in steps
-    ]
-    return _with_quiet(whole, pieces, groups)
+        steps.append(LogStep(n + 1, replace(step, moves=tuple(moves)), one, times[0], times[1], times[2]))
+    return _with_quiet(steps, pieces, groups)
 
 
 def _with_quiet(
@@ -108,11 +110,6 @@ def _with_quiet(
         for stretch in quiet_around([one.step for one in steps if one.step.piece == k], channels, seen)
     ]
     return tuple(replace(one, quiet=stretch) for one, stretch in zip(steps, quiet, strict=True))
-
-
-def _judged(step: StepInLog, steps: Sequence[LogStep], pieces: Sequence[Sequence[LogPiece]]) -> StepInLog:
-    here = [one.step for one in steps if one.step.piece == step.piece]
-    return judged(step, here, here.index(step), pieces[step.piece]) if step.moves else step
 
 
 def _beside(steps: Sequence[StepInLog], channels: Sequence[LogPiece], map_: LogMap) -> list[StepInLog]:

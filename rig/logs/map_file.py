@@ -190,6 +190,7 @@ def _step(number: int, table: FileTable, sensors: Mapping[str, SensorMap]) -> St
         begin=table.content.get("from"),
         end=table.content.get("until"),
         start=table.content.get("start"),
+        note=" ".join((table.text("note") or "").split()),
         facts=_facts(table),
     )
 

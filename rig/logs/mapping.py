@@ -45,7 +45,8 @@ class SensorMap:
 
 @dataclass(frozen=True)
 class StepMap:
-    """`[[step]]`: times are as the map has them, on the log's clock; `number` counts from 1, for messages."""
+    """`[[step]]`: times are as the map has them, on the log's clock; `number` counts from 1, for messages. `note` says
+    why it is not used, where it is not."""
 
     number: int
     at: object
@@ -57,6 +58,7 @@ class StepMap:
     begin: object = None
     end: object = None
     start: object = None
+    note: str = ""
     facts: Mapping[str, Any] = field(default_factory=dict)
 
 

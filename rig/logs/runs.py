@@ -71,9 +71,8 @@ def unused(sensors: SensorLog, steps: Sequence[LogStep], map_: LogMap) -> dict[i
         if any(one.number in windows for _, windows in decided.values()):
             continue
         theirs = [name for name in decided if name in one.moved()] or list(decided)
-        against = _against(sensors, steps, one, map_, theirs[0])
         is_left_out = one.said is not None and not one.said.is_used
-        found[one.number] = (against or "the map says so") if is_left_out else decided[theirs[0]][0][one.number]
+        found[one.number] = (one.said.note or "the map says so") if is_left_out else decided[theirs[0]][0][one.number]
     return found
 
 
@@ -128,8 +127,7 @@ def _reasons(sensors: SensorLog, steps: Sequence[LogStep], map_: LogMap, name: s
     before: LogStep | None = None
     for one in steps:
         if one.said is not None and not one.said.is_used:
-            against = _against(sensors, steps, one, map_, name)
-            reasons[one.number] = "the map says use = false" + (f": {against}" if against else "")
+            reasons[one.number] = "the map says use = false" + (f": {one.said.note}" if one.said.note else "")
             continue
         reasons[one.number] = why = _why_not(one, name, bool(map_.sensors[name].reference))
         if why:
@@ -139,11 +137,6 @@ def _reasons(sensors: SensorLog, steps: Sequence[LogStep], map_: LogMap, name: s
         else:
             before = one
     return reasons
-
-
-def _against(sensors: SensorLog, steps: Sequence[LogStep], one: LogStep, map_: LogMap, name: str) -> str:
-    """What was seen that speaks against a step, whatever the map says of it."""
-    return one.step.why_not or (_too_few(sensors, steps, one, map_, name) if one.step.moves else "")
 
 
 def _why_not(one: LogStep, name: str, is_measured: bool) -> str:

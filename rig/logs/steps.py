@@ -102,7 +102,7 @@ def find_steps(
         next_s = until_s if k + 1 < len(groups) else np.inf
         steps += [replace(step, next_s=next_s) for step in _steps(channels, group, piece, since_s, until_s)]
     steps.sort(key=lambda step: step.at_s)  # stages are timed by their first, which others may have followed
-    return tuple(judged(step, steps, k, channels) for k, step in enumerate(steps))
+    return tuple(_judged(step, steps, k, channels) for k, step in enumerate(steps))
 
 
 def _cluster(channels: Sequence[LogPiece], changes: Sequence[Sequence[ChangePoint]]) -> list[Cluster]:
@@ -293,7 +293,7 @@ def _stands_out(channel: LogPiece, move: StepOnset, width_s: float, since_s: flo
     return bool(abs(slope) * max(move.t63_s, channel.period_s) <= UNDER_WAY * abs(move.size))
 
 
-def judged(step: StepInLog, steps: Sequence[StepInLog], k: int, channels: Sequence[LogPiece]) -> StepInLog:
+def _judged(step: StepInLog, steps: Sequence[StepInLog], k: int, channels: Sequence[LogPiece]) -> StepInLog:
     """The step with the reason why its course makes no run, where there is one; how many readings it has is told by
     the window that is cut for it."""
     moved = [channel for channel in channels if channel.name in {move.channel for move in step.moves}]

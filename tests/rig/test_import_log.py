@@ -1,6 +1,7 @@
 """What must hold of importing logs: whatever a log looks like, its steps and values come out, nothing is invented."""
 
 import json
+import re
 import tracemalloc
 from datetime import UTC, datetime, timedelta
 
@@ -35,6 +36,7 @@ from shockrig.files.unit_names import quantity_of, unit_in_name
 from shockrig.protocols.cli import main
 from shockrig.rig.logs import clock_columns
 from shockrig.rig.logs.first_map import look_at
+from shockrig.rig.logs.found import steps_of
 from shockrig.rig.logs.map_file import parse_map
 from shockrig.rig.logs.order import in_order
 from shockrig.rig.logs.text import Layout, scan
@@ -44,12 +46,12 @@ def run(*arguments):
     return main(["import", *map(str, arguments)])
 
 
-@pytest.mark.parametrize("way", WAYS)
-def test_every_way_of_writing_gives_the_same_runs(tmp_path, way, capsys):
 def rows_of_log():
     return zip(LOG.time_s, LOG.temperature_c, LOG.humidity_percent, strict=True)
 
 
+@pytest.mark.parametrize("way", WAYS)
+def test_every_way_of_writing_gives_the_same_runs(tmp_path, way, capsys):
     """Imported by the map that a first look writes: three runs, their steps found, every reading as recorded."""
     log = written(tmp_path / "log.csv", WAYS[way])
     map_ = written(tmp_path / "log.toml", look_at([log], tmp_path / "log.toml").text)
@@ -414,8 +416,6 @@ def test_dates_with_times_of_day_that_go_on_are_the_clock_whatever_their_column_
     assert look.map.time == ("Tempo",) and len(look.map.sensors) == 1
 
 
-def test_a_date_in_parts_without_names_is_one(tmp_path, capsys):
-    parts = date("%Y %-m %-d %-H %-M %-S")
 @pytest.mark.parametrize("zone", ["UTC", "GMT"])
 def test_a_zone_behind_a_time_is_read(tmp_path, zone):
     """As ThingSpeak and Adafruit IO export a channel."""
@@ -457,6 +457,8 @@ def test_quantities_in_other_languages_are_no_sensors_names(tmp_path, names, sen
     assert {"temperature", "humidity"} <= set(sensor.columns)
 
 
+def test_a_date_in_parts_without_names_is_one(tmp_path, capsys):
+    parts = date("%Y %-m %-d %-H %-M %-S")
     log = written(tmp_path / "log.txt", text(lines_of("", lambda t, a, b, n: f"{parts(t)} {a}")[::2]))
     columns = ", ".join(f'"{n + 1}"' for n in range(6))
     map_ = f'[log]\nheader_line = 0\ntime = [{columns}]\n[sensor.x]\ntemperature = "7"\n'
@@ -551,6 +553,22 @@ def test_stamps_too_coarse_for_even_rows_are_taken_evenly(tmp_path, capsys, peri
         assert (np.diff(one.imet.time_s) % 1.0 == 0.0).all()
 
 
+def test_a_clock_that_starts_anew_after_few_rows_loses_none():
+    """A first session of 46 rows had been sorted into the second one, and its readings left out."""
+    stamps = np.concatenate([np.arange(1.0, 47.0), np.arange(1.0, 511.0)])
+    ordered = in_order(stamps, {}, range(stamps.size), "auto")
+    assert ordered.pieces == (slice(0, 46), slice(46, 556)) and (ordered.time_s == stamps).all()
+    assert any("the clock starts anew once" in said for said in ordered.remarks)
+
+
+@pytest.mark.parametrize("late", [slice(60, 70), slice(60, 61), slice(20, 80)])
+def test_rows_that_came_late_are_sorted_however_many_they_are(late):
+    rows = np.arange(200.0)
+    behind = np.concatenate([rows[: late.start], rows[late.stop : 90], rows[late], rows[90:]])
+    ordered = in_order(behind, {}, range(200), "auto")
+    assert ordered.pieces == (slice(0, 200),) and (ordered.time_s == rows).all()
+
+
 def test_rows_that_were_lost_do_not_make_stamps_coarse():
     """A row every second, one in twenty lost by chance, and each stretch between holes for itself."""
     stamps = np.flatnonzero(np.random.default_rng(3).random(2000) > 0.05).astype(float)
@@ -598,22 +616,6 @@ def test_a_unit_in_the_cells_of_the_times_is_theirs(tmp_path):
     log = written(tmp_path / "log.csv", text(["time,temp", *rows]))
     map_ = written(tmp_path / "m.toml", look_at([log], tmp_path / "m.toml").text)
     assert run(log, "--map", map_, "--out", tmp_path / "c") == 0
-def test_a_clock_that_starts_anew_after_few_rows_loses_none():
-    """A first session of 46 rows had been sorted into the second one, and its readings left out."""
-    stamps = np.concatenate([np.arange(1.0, 47.0), np.arange(1.0, 511.0)])
-    ordered = in_order(stamps, {}, range(stamps.size), "auto")
-    assert ordered.pieces == (slice(0, 46), slice(46, 556)) and (ordered.time_s == stamps).all()
-    assert any("the clock starts anew once" in said for said in ordered.remarks)
-
-
-@pytest.mark.parametrize("late", [slice(60, 70), slice(60, 61), slice(20, 80)])
-def test_rows_that_came_late_are_sorted_however_many_they_are(late):
-    rows = np.arange(200.0)
-    behind = np.concatenate([rows[: late.start], rows[late.stop : 90], rows[late], rows[90:]])
-    ordered = in_order(behind, {}, range(200), "auto")
-    assert ordered.pieces == (slice(0, 200),) and (ordered.time_s == rows).all()
-
-
     runs = read_campaign(tmp_path / "c").runs
     assert len(runs) == 3 and np.diff(runs[0].imet.time_s) == pytest.approx(0.5, abs=1e-3)
 
@@ -806,8 +808,6 @@ def test_a_state_is_what_the_row_says_that_it_is_of(tmp_path, capsys):
     assert '\nhumidity = "state"' in humid.text and len(humid.steps[0]) == 3
 
 
-def test_a_row_that_fills_more_of_the_names_than_the_others_is_one(tmp_path):
-    """A Kestrel's first row says also where and when its session was: it stood for metadata, and was lost."""
 def test_a_value_is_what_a_name_in_its_row_says(tmp_path):
     lines = [f"{t:.2f},Temperature {k},{a + k:.2f}" for t, a, _ in rows_of_log() for k in (1, 2)]
     log = written(tmp_path / "log.csv", text(["time_s,name,value", *lines]))
@@ -816,6 +816,8 @@ def test_a_value_is_what_a_name_in_its_row_says(tmp_path):
     assert len(look.steps[0]) == 3 and look.whose == ("Temperature 1", "Temperature 2")
 
 
+def test_a_row_that_fills_more_of_the_names_than_the_others_is_one(tmp_path):
+    """A Kestrel's first row says also where and when its session was: it stood for metadata, and was lost."""
     rows = [f"{t};{c:.2f};session" for t, c in zip(LOG.time_s, LOG.temperature_c, strict=True)]
     rows[0] += ";Session 1;here"
     rows[50] += ";Session 2"
@@ -1037,3 +1039,32 @@ def test_a_text_is_tried_in_formats_of_its_own_marks_only(monkeypatch, text, for
     monkeypatch.setattr(clock_columns, "_moment", lambda text, format_: asked.add(format_) or really(text, format_))
     assert clock_columns.guess_format([text] * 3)[0] == format_
     assert len(asked) < 60
+
+
+def test_a_map_says_why_a_step_is_not_used_and_import_says_the_same(tmp_path, capsys):
+    time_s = np.arange(0.0, 900.0, 1.0)
+    value = 20.0 + 10.0 * (1.0 - np.exp(-np.maximum(time_s - 100.0, 0.0) / 5.0))
+    for begins_s in (500.0, 512.0, 524.0):
+        value += 3.0 * np.clip((time_s - begins_s) / 4.0, 0.0, 1.0)
+    value += np.random.default_rng(1).normal(0.0, 0.01, time_s.size)
+    rows = [f"{t:.1f},{v:.2f}" for t, v in zip(time_s, value, strict=True)]
+    log = written(tmp_path / "log.csv", "\n".join(["time_s,temp", *rows, ""]))
+    assert run(log, "--look", "--out", tmp_path) == 0
+    (seen,) = re.findall(r"not used: (came in 3 stages .*)", capsys.readouterr().out)
+    assert re.search("use = false +# true beside a reference", (tmp_path / "log.toml").read_text())
+    assert run(log, "--map", tmp_path / "log.toml", "--out", tmp_path / "c") == 0
+    said = capsys.readouterr().out
+    assert f"not used: {seen}\n" in said and f"step 2: the map says use = false: {seen}\n" in said
+
+
+def test_what_comes_back_later_is_no_part_of_a_step_that_a_map_states(tmp_path):
+    """A step of 4 K, and a slow swell of 6 K behind it, which is none: its level is where it was before the swell."""
+    time_s = np.arange(0.0, 4600.0, 5.0)
+    value = 10.0 + 4.0 * (1.0 - np.exp(-np.maximum(time_s - 1000.0, 0.0) / 10.0))
+    value += 6.0 * np.sin(np.pi * np.clip((time_s - 2000.0) / 3000.0, 0.0, 1.0)) ** 2
+    value += np.random.default_rng(3).normal(0.0, 0.03, time_s.size)
+    rows = [f"{t:.1f},{v:.2f}" for t, v in zip(time_s, value, strict=True)]
+    log = written(tmp_path / "log.csv", "\n".join(["time_s,temp", *rows, ""]))
+    look = look_at([log], tmp_path / "log.toml")
+    for steps in (*look.steps, steps_of(look.logs[0], look.map)):
+        assert len(steps) == 1 and steps[0].step.moves[0].after == pytest.approx(14.0, abs=0.1)

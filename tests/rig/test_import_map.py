@@ -53,9 +53,9 @@ BAD = {
     ),
     "time in another format": ("[log]\ntime = 'time_s'\ntime_format = '%H:%M'\n", r"column time_s: .* time_format"),
     "time and none": ("[log]\ntime = 'time_s'\nevery_s = 1.0\n", r"key log.every_s: .* log.time is stated"),
-    "left out as it should be": (
-        "[[step]]\nat = 1.0\nuse = false\n",
-        r"use = false: bead has 2 readings before it and",
+    "left out, and why": (
+        "[[step]]\nat = 80\nuse = false\nnote = 'door stood open'\n",
+        r"step 1 the map says use = false: door stood open; ",
     ),
     "no such time": ("[log]\ntime = 'Zeit'\n", r"map.toml: key log.time: no column 'Zeit'"),
     "time unit": ("[log]\ntime_unit = 'hPa'\n", r"key log.time_unit: expected one of s, ms"),
