@@ -23,7 +23,8 @@ def count_stages(channel: LogPiece, move: StepOnset, until_s: float) -> tuple[in
     end = int(there[0]) + 1
     moments, share = time_s[inside][:end], share[:end]
     blocks = min(60, end - 1)
-    way = np.diff(np.interp(np.linspace(moments[0], moments[-1], blocks + 1), moments, share))
+    # From reading to reading: where one was left out, blocks of time would lie half in a rest and half beside it.
+    way = np.diff(np.interp(np.linspace(0.0, end - 1.0, blocks + 1), np.arange(end), share))
     noise = np.sqrt(2.0) * channel.noise / abs(move.size)
     moving = np.abs(way) > max(0.5 / blocks, 6.0 * noise)
     still = np.abs(way) < max(0.15 / blocks, 3.0 * noise)

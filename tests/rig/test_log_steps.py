@@ -517,3 +517,16 @@ def test_a_wobble_before_a_step_says_nothing_of_the_level_long_after_it():
     value = 24.2 + 6.0 * (1.0 - np.exp(-since / 120.0)) + 0.002 * since + wobble
     (step,) = find_steps([channel_of(time_s, np.round(value * 16.0) / 16.0, "temperature")], 0)
     assert step.moves[0].after == pytest.approx(value[-1], abs=0.3) and not step.why_not
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_stages_are_counted_where_a_reading_on_the_way_is_taken_for_absurd(seed):
+    """A chamber's programme, logged a few times in each rest, overshoots for one reading: without it there had been
+    no rests, and the programme passed for the sensor's response."""
+    way = [10.8, 14.5, 15.0, 15.0, 16.4, 21.0, 21.6, 21.6, 23.0, 25.6, 24.4, 24.5, 25.6, 26.0]
+    value = np.array([10.0] * 30 + way + [26.0] * 30)
+    value += np.random.default_rng(seed).normal(0.0, 0.04, value.size)
+    channel = channel_of(900.0 * np.arange(value.size), np.round(value, 2), "temperature")
+    assert channel.value.size < value.size
+    (step,) = find_steps([channel], 0)
+    assert step.stages == 3 and "came in 3 stages" in step.why_not
