@@ -81,7 +81,7 @@ _WORDS = {
 _OTHER = (
     "dew", "frost", "batt", "volt", "heat index", "wind chill", "wet bulb", "wet-bulb", "potential", "setpoint",
     "set point", "set_point", "set temp", "set_temp", "setting", "target", "anomaly", "direction", "velocity", "ascent",
-    "climb", "over ground", "efficien", "duty", "throttle", "charge", "error",
+    "climb", "over ground", "efficien", "duty", "throttle", "charge", "error", "g/m", "vpd", "vapo",
 )  # fmt: skip
 _TIMES = (
     "time", "timestamp", "datetime", "date_time", "date time", "date-time", "t", "date", "datum", "zeit", "uhrzeit",
@@ -122,7 +122,9 @@ def unit_in_name(name: str) -> str | None:
             # A letter behind a name is as often a sensor's as a unit's: TempC, T K; told only by an underscore.
             if len(unit) > 1 or "_" in name:
                 return unit
-    return None
+    # Nothing but a unit: "°C", "hPa"; a letter may be anybody's, and "hr" is a humidity in French and Spanish.
+    unit = known_unit(name) if len(name.strip()) > 1 else None
+    return None if unit in UNITS["time"] else unit
 
 
 # "tempF", "temp_f_probe1", "Temp 1 F": the word for a temperature, a number or none, and a letter by itself
@@ -204,6 +206,8 @@ def bare_name(name: str) -> str:
     if "," in bare and known_unit(bare.split(",", 1)[1].split("(")[0]) is not None:
         bare = bare.split(",", 1)[0]
     bare = bare.strip(" _,:")
+    if unit_in_name(bare) is not None and known_unit(bare) is not None:
+        return ""
     words = bare.split("_")
     for n in (2, 1):
         if len(words) > n and known_unit("_".join(words[-n:])) is not None:
@@ -236,7 +240,7 @@ def is_called_time(name: str) -> bool:
 def quantity_of(name: str, unit: str | None) -> str | None:
     """What a column measures, by its name and unit: a key of `UNITS` but time, or None."""
     low = _PER_HOUR.sub("", name.lower())
-    if any(word in low for word in _OTHER):
+    if any(word in low for word in _OTHER) or any(_has_word(low, word) for word in ("dp", "dpt")):  # dew points
         return None
     by_unit = _QUANTITY_OF.get(unit) if unit else None
     for quantity, words in _WORDS.items():

@@ -25,8 +25,8 @@ from shockrig.rig.logs.text import NUMBER, unit_in_cells
 
 _DATES = (
     "%Y/%m/%d", "%d/%m/%Y", "%m/%d/%Y", "%d.%m.%Y", "%d-%m-%Y", "%m-%d-%Y", "%d/%m/%y", "%m/%d/%y", "%d.%m.%y",
-    "%Y.%m.%d", "%d-%b-%Y", "%d.%b.%Y", "%d %b %Y", "%b %d %Y", "%d-%b-%y", "%Y%m%d", "%Y-%m-%d", "%Y_%m_%d",
-    "%Y %m %d",
+    "%Y.%m.%d", "%d-%b-%Y", "%d.%b.%Y", "%d %b %Y", "%b %d %Y", "%b %d, %Y", "%d-%b-%y", "%Y%m%d", "%Y-%m-%d",
+    "%Y_%m_%d", "%Y %m %d",
 )  # fmt: skip
 _BETWEEN = (" ", "T", ", ", "-", "_", ",", "")
 _TIMES = (
@@ -66,10 +66,11 @@ def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequ
             continue
         if _has_hours(format_, columns[name]):
             return TimeColumns((name,), format_, doubt=doubt)
-        if format_ != OF_DAY:  # a date alone: the time of day stands in another column
-            for other in [*called, *names]:
-                if other != name and guess_format(columns[other])[0] == OF_DAY:
-                    return _joined(name, other, columns, doubt)
+        if format_ != OF_DAY:  # a date alone: the time of day stands in another column, most often in the next one
+            behind = names.index(name) + 1
+            for other in sorted([*names[behind:], *names[: behind - 1]], key=lambda other: other not in called):
+                if (clock := _joined(name, other, columns, doubt)) is not None:
+                    return clock
             return TimeColumns((name,), format_, doubt=doubt)
     for name in [*called, *names[:3]]:  # by its cells too: it may be called "TimeElapsed" or "when"
         if guess_format(columns[name])[0] == OF_DAY:
@@ -196,9 +197,14 @@ def two_ways(rows: Sequence[Sequence[str]]) -> tuple[str, str] | None:
     return None
 
 
-def _joined(date_: str, time_: str, columns: Mapping[str, Sequence[str]], doubt: str) -> TimeColumns:
+def _joined(date_: str, time_: str, columns: Mapping[str, Sequence[str]], doubt: str) -> TimeColumns | None:
+    """The clock of a date and a time of day in a column each; None where the second is none."""
+    if _share(lambda text: ":" in text, columns[time_]) < 0.5:
+        return None
     both = [f"{a.strip()} {b.strip()}" for a, b in zip(columns[date_], columns[time_], strict=True)]
     format_, doubt_both = guess_format(both)
+    if format_ is None and guess_format(columns[time_])[0] != OF_DAY:
+        return None
     return TimeColumns((date_, time_), format_ or ISO, doubt=doubt or doubt_both)
 
 

@@ -173,11 +173,12 @@ def _position(name: str) -> str | None:
 
 
 def _of_a_pair(name: str, names: Sequence[str]) -> str | None:
-    """A column whose name begins as a humidity's and goes on as a temperature's does is one: RHsamp beside TEMPsamp."""
-    if re.match("rh[a-z]", name, re.I) is None:
-        return None
-    temperatures = {sensor_key(other) for other in names if quantity_of(other, None) == "temperature"}
-    return "humidity" if sensor_key(name) in temperatures else None
+    """A column whose name goes on as the other one's of a sensor does: RHsamp beside TEMPsamp is a humidity, T_SHT4x
+    beside RH_SHT4x a temperature."""
+    if re.match("rh[a-z]", name, re.I) is not None:
+        temperatures = {sensor_key(other) for other in names if quantity_of(other, None) == "temperature"}
+        return "humidity" if sensor_key(name) in temperatures else None
+    return "temperature" if name[:2] in ("T_", "T ") and f"RH{name[1:]}" in names else None
 
 
 def _of_its_sensor(name: str, names: Sequence[str], rows: Sequence[Sequence[str]]) -> str | None:
@@ -229,7 +230,7 @@ def guess_unit(quantity: str, named: str | None, values: Array) -> tuple[str, st
 def sensor_key(name: str) -> str:
     """What is left of a column's name without quantity and unit, as a name that TOML takes bare."""
     bare = bare_name(name)
-    left = _WORDS.sub(" ", bare) if _WORDS.search(bare) else ("" if re.fullmatch(r"[tT]", bare) else bare)
+    left = _WORDS.sub(" ", bare) if _WORDS.search(bare) else re.sub(r"^[tT]($|[_ ](?=\w{2}))", "", bare)
     return re.sub(r"[^A-Za-z0-9]+", "-", left).strip("-")
 
 

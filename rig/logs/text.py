@@ -381,8 +381,8 @@ def _header(
         if sum(map(is_unit, found)) > len(found) / 2:  # under more names than a row has cells
             units = tuple((found + [""] * width)[:width])
             continue
-        # Whoever writes names and rows apart may name more than a row holds.
-        whole = len(found) == width or (len(found) > width and is_called_time(found[0]))
+        # Whoever writes names and rows apart may name more than a row holds, or than all but the first one do.
+        whole = len(found) == width or (len(found) > width and any(map(is_called_time, found)))
         if whole and not any(cell[:1].isdecimal() and is_value(cell) for cell in found):
             return unique_names(found, width), units, over.number(i)
     return tuple(str(k + 1) for k in range(width)), nothing, 0

@@ -457,6 +457,50 @@ def test_quantities_in_other_languages_are_no_sensors_names(tmp_path, names, sen
     assert {"temperature", "humidity"} <= set(sensor.columns)
 
 
+def easylog():
+    """As Lascar's EasyLog exports: the logger's number stands in the first row alone."""
+    stamps = date("%Y-%m-%d %H:%M:%S.%f")
+    return lines_of(
+        "Fridge 2,Time,Celsius(°C),Humidity(%rh),Dew Point(°C),Serial Number",
+        lambda t, a, b, n: f"{n + 1},{stamps(t)},{a},{b},9.1{'' if n else ',010012345'}",
+    )
+
+
+def elapsed(t):
+    return f"{int(t // 3600)}:{int(t // 60 % 60):02d}:{t % 60:05.2f}"
+
+
+EXPORTS = {
+    "EasyLog": easylog(),
+    "LogTag": lines_of(
+        "Reading,Elapsed,Date,Time,Temperature,Humidity",
+        lambda t, a, b, n: f"{n},{elapsed(t)},{date('%d-%m-%Y,%H:%M:%S.%f')(t)},{a},{b}",
+    ),
+    "MadgeTech": plain("Date,Time,Temperature (°C),Humidity (%RH)", date("%m/%d/%Y,%I:%M:%S.%f %p")),
+    "Rotronic": lines_of(
+        "Date\tTime\t%rh\t°C\tDP °C", lambda t, a, b, n: f"{date('%d/%m/%Y%t%H:%M:%S.%f')(t)}\t{b}\t{a}\t{a - 15:.2f}"
+    ),
+    "Sensirion": plain("Local_Date_Time\tT_SHT4x\tRH_SHT4x", date("%Y-%m-%dT%H:%M:%S.%f"), "\t"),
+    "SwitchBot": lines_of(
+        "Date,Temperature_Celsius(℃),Relative_Humidity(%),DPT(℃),VPD(kPa),Abs Humidity(g/m³)",
+        lambda t, a, b, n: f'"{date("%b %d, %Y %H:%M:%S.%f")(t)}",{a},{b},9.1,1.2,8.8',
+    ),
+}
+
+
+@pytest.mark.parametrize("logger", EXPORTS)
+def test_what_a_loggers_program_exports_is_read(tmp_path, logger):
+    """Of each its clock, its temperature and its humidity, and nothing that was computed from these."""
+    look = look_at([written(tmp_path / "log.txt", text(EXPORTS[logger]))], tmp_path / "log.toml")
+    log = look.logs[0].log
+    (sensor,) = look.map.sensors.values()
+    assert set(sensor.columns) == {"temperature", "humidity", "die_temperature"} and len(look.steps[0]) == 3
+    assert log.time_s.size == LOG.time_s.size and log.period_s == pytest.approx(0.5)
+    assert log.origin_s == pytest.approx(DAY.timestamp() + LOG.time_s[0], abs=0.01)
+    assert (log.values[sensor.columns["temperature"][0]] == LOG.temperature_c).all()
+    assert (log.values[sensor.columns["humidity"][0]] == LOG.humidity_percent).all()
+
+
 def test_a_date_in_parts_without_names_is_one(tmp_path, capsys):
     parts = date("%Y %-m %-d %-H %-M %-S")
     log = written(tmp_path / "log.txt", text(lines_of("", lambda t, a, b, n: f"{parts(t)} {a}")[::2]))
