@@ -79,7 +79,7 @@ def steps_of(sensors: SensorLog, map_: LogMap, several: bool = False) -> tuple[L
     for n, ((one, piece, at_s), step) in enumerate(zip(placed, bare, strict=True)):
         where = f"{shown(map_.path)}: key step[{one.number}]"
         beside_s = [other.at_s for other in bare if other.piece == piece]
-        moves = []
+        moves: list[StepOnset] = []
         for place, channel in enumerate(pieces[piece]):
             # What others did meanwhile is no answer to a step that a person gives to some sensors.
             if one.sensors and channel.name.rsplit(".", 1)[0] not in one.sensors:

@@ -71,8 +71,10 @@ def unused(sensors: SensorLog, steps: Sequence[LogStep], map_: LogMap) -> dict[i
         if any(one.number in windows for _, windows in decided.values()):
             continue
         theirs = [name for name in decided if name in one.moved()] or list(decided)
-        is_left_out = one.said is not None and not one.said.is_used
-        found[one.number] = (one.said.note or "the map says so") if is_left_out else decided[theirs[0]][0][one.number]
+        if one.said is not None and not one.said.is_used:
+            found[one.number] = one.said.note or "the map says so"
+        else:
+            found[one.number] = decided[theirs[0]][0][one.number]
     return found
 
 
