@@ -31,7 +31,7 @@ from shockrig.files.errors import InputError
 from shockrig.files.file_table import FileTable
 from shockrig.files.json_files import read_json
 from shockrig.files.misspelt import CAMPAIGN_KEYS, RUN_KEYS, misspelt
-from shockrig.files.numbers import counted
+from shockrig.files.numbers import counted, first_of
 from shockrig.files.ranges import RANGES
 from shockrig.files.traces import Trace, read_air, read_sensor
 
@@ -63,7 +63,6 @@ DEFAULT_BEAD_RADIUS_M = 4e-4
 DEFAULT_FILM_THICKNESS_M = 1e-5
 DEFAULT_PRESSURE_HPA = 1013.25
 REMEDY = "fix or restore the file"
-NAMED = 6  # of the campaigns that a folder holds
 
 
 _REFERENCE_RANGES = {
@@ -119,9 +118,10 @@ def _read_head(folder: Path) -> FileTable:
             f"{shown(folder)}: is a file; give the folder that holds campaign.json (shockrig import makes one of a log)"
         )
     remedy = "give the folder that holds a whole campaign.json"
-    if within := [shown(one.parent) for one in sorted(folder.glob("*/campaign.json"))]:
+    if not is_there(folder / "campaign.json"):
         # An import of several sensors leaves a campaign of each.
-        remedy += f": {', '.join(within[:NAMED])}{', ...' if len(within) > NAMED else ''}"
+        within = [shown(one.parent) for one in sorted(folder.glob("*/campaign.json"))]
+        remedy += f": {first_of(within)}" if within else ""
     return read_json(folder / "campaign.json", CAMPAIGN_FORMAT, remedy)
 
 

@@ -23,6 +23,7 @@ from shockrig.files.disk import open_text, shown
 from shockrig.files.errors import InputError
 from shockrig.files.flight_intermet import clock_of
 from shockrig.files.flight_known import KnownLog, day_of, known_log
+from shockrig.files.numbers import first_of
 from shockrig.files.readings_figure import Against, plot_readings
 from shockrig.files.sentinels import NO_VALUE_WORDS
 from shockrig.files.unit_names import (
@@ -94,7 +95,6 @@ NAMES: dict[str, tuple[str, ...]] = {
     ),
 }  # fmt: skip
 OF_AIR = ("temperature", "humidity", "pressure")  # of which a logger may have its own
-MOST_NAMED = 6
 FURTHEST_HEADER = 60  # lines of metadata above the names
 INTERMET = "COM Elapse"  # a column that only the log of InterMet's application has
 XQ2_FIELDS = (
@@ -351,8 +351,7 @@ def _one_of(quantity: str, header: Sequence[str], place: Mapping[str, int]) -> s
 
 def others_said(quantity: str, others: Sequence[str]) -> str:
     """The end of a sentence that names what else may be a quantity, and how to take it."""
-    named = ", ".join(map(repr, others[:MOST_NAMED])) + (", ..." if len(others) > MOST_NAMED else "")
-    return f"and not {named}: --column {quantity}=NAME takes another"
+    return f"and not {first_of([repr(one) for one in others])}: --column {quantity}=NAME takes another"
 
 
 def _units(path: Path, header: list[str], place: Mapping[str, int], chosen: Mapping[str, str]) -> dict[str, str]:

@@ -6,6 +6,10 @@ from __future__ import annotations
 
 import math
 from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
@@ -107,3 +111,11 @@ def in_line(count: int, first: int) -> str:
 def counted(count: int, noun: str) -> str:
     """A count with its noun: "1 run", "35 runs"."""
     return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+MOST_NAMED = 6  # in one sentence
+
+
+def first_of(names: Sequence[str]) -> str:
+    """As many names as a sentence holds, with dots where there are more."""
+    return ", ".join(names[:MOST_NAMED]) + (", ..." if len(names) > MOST_NAMED else "")

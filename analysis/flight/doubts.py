@@ -15,7 +15,7 @@ from shockrig.analysis.flight.screen import resolution_of, stairs
 from shockrig.analysis.flight.smooth_channel import typical_period
 from shockrig.analysis.flight.stretches import scatter
 from shockrig.analysis.physics.air_exchange import REFERENCE_C
-from shockrig.analysis.physics.standard_atmosphere import pressure_altitude_m
+from shockrig.analysis.physics.standard_atmosphere import GRAVITY_M_S2, pressure_altitude_m
 from shockrig.files.flight import Flight
 from shockrig.files.numbers import SINCE_1970_S, counted, short
 from shockrig.files.profile import HumidityProfile, Profile, ResponseTime
@@ -104,7 +104,6 @@ CLOSE_PERIOD = 0.05  # relative, that a period is of one of these
 FASTEST_S = 0.004  # between rows of a thermometer or a hygrometer
 CLIMB_ROWS = 10  # that a climb is taken over: altitudes come in steps
 THROWN_PARTS = 20  # of a log, over two of which a change of speed is taken
-GRAVITY_M_S2 = 9.81
 FASTEST_CLIMB_M_S = 100.0  # of half of a log; what falls from high up comes to 70
 BESIDE_AIRSPEED, LEAST_AIRSPEED_M_S = 3.0, 10.0  # times the largest airspeed in the log, or this, that a climb may be
 LIKELIER_LN = 1.5  # by so much in ln of the noise, over both columns, where each has the other's noise

@@ -7,7 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from shockrig.analysis.physics.humidity import STANDARD_PRESSURE_HPA
 
-GRADIENT_K = 9.80665 / 287.05287  # g / R of dry air [K/m]: a change of temperature at this rate is of even density
+GRAVITY_M_S2 = 9.80665
+GRADIENT_K = GRAVITY_M_S2 / 287.05287  # by R of dry air [K/m]: a change of temperature at this rate is of even density
 # Bottom of each layer [m], temperature there [K] and its change with altitude [K/m].
 LAYERS = ((0.0, 288.15, -0.0065), (11_000.0, 216.65, 0.0), (20_000.0, 216.65, 0.001))
 
