@@ -11,7 +11,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -142,14 +142,16 @@ def fresh_run_errors(outcome: Outcome, campaign: str | Path, channel: str) -> tu
     import numpy as np
 
     from shockrig.analysis.diagnose.held_out import plainly, run_errors
+    from shockrig.analysis.estimate.problem import DRIFT_SCATTER
 
     if (beside := _beside(outcome, campaign, channel)) is None:
         return None
     found, recorded, fresh, problem = beside
     used = np.isin([run.id for run in recorded.runs], fresh.run_ids)
     before, after = np.full((2, used.size), np.nan)
-    before[used] = run_errors(fresh, problem, plainly(found.plain))
-    fit = found.predicting.fit
+    # No rival lets the air of a run that it is judged on drift, where nobody recorded it.
+    plain, fit = (replace(one, drift_scatter=DRIFT_SCATTER) for one in (found.plain, found.predicting.fit))
+    before[used] = run_errors(fresh, problem, plainly(plain))
     after[used] = run_errors(fresh, problem, fit) if fit.structure.effects else before[used]
     return before, after
 

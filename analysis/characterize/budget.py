@@ -129,6 +129,10 @@ def sources(part: Part, noise: Noise) -> list[Source]:
             line = Component("strength of an effect, run by run", "A", "normal", found.strength_scatter, "1")
             made.append(Source(line, moves))
             continue
+        if effect is RunEffect.DRIFT:
+            line = Component("drift of airs that nobody recorded, run by run", "A", "normal", found.drift_scatter, "1")
+            made.append(Source(line, moves))
+            continue
         size = float(np.sqrt((1.0 / arrow.weight[:, effect]).mean()))
         its_unit = "s" if effect is RunEffect.START else air_unit[effect]
         made.append(Source(Component(names[effect], "B", "normal", size, its_unit), moves))

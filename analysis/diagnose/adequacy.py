@@ -189,7 +189,7 @@ def _deviations(problem: Problem, found: Fit) -> list[Check]:
     spread = np.maximum(prior - found.arrow.run_variances(), 0.0)
     for k, name in enumerate(RUN_EFFECT_NAMES[: prior.shape[1]]):
         told = (spread[:, k] > 0.2 * prior[:, k]) & problem.stated[:, k]
-        if told.sum() < 4 or k in (RunEffect.RATE, RunEffect.STRENGTH):  # their scatter is estimated
+        if told.sum() < 4 or k in (RunEffect.RATE, RunEffect.STRENGTH, RunEffect.DRIFT):  # their scatter is estimated
             continue
         # Stated uncertainties are good to about a third: the scale of the test is widened by that.
         total = float((found.deviations[told, k] ** 2 / spread[told, k]).sum()) / level("stated_scatter")

@@ -18,12 +18,17 @@ from shockrig.files.numbers import counted
 
 def left_open(found: Search, final: Fit) -> tuple[str, ...]:
     """Sentences on what the search and its model leave open."""
+    channel = final.model.channel
     further = found.ended_early and found.best.ids != found.plain.ids
     said = {
         "Another model is likelier than the plain one, but these runs leave open which: no effect is sure enough to "
         "be stated.": found.leaves_open,
         f"The runs differ in how fast they are by some {final.rate_scatter:.0%}, and nothing that was named says why: "
         "see that all are of one sensor, in one airflow.": final.rate_scatter > level("rate_scatter"),
+        f"Readings go on behind the response, by some {100 * final.drift_scatter:.2g} % of the step and by another "
+        "amount in each run: that is taken for air that still moved. Log a reference beside the probes: a slow part of "
+        "the sensor would go on alike in all.": channel.may_drift.any()
+        and final.drift_scatter > level("drift_scatter"),
         f"The search ended at its limit of work, after {found.fits} fits: what it had reached by then is judged, and "
         "more may be there, or something else that explains the runs as well.": found.ended_early,
         "Diagnosed again with --from this diagnosis, the search begins with the causes that it names, and goes on from "

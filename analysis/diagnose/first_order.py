@@ -91,6 +91,7 @@ def _first_order(
     found, sigma = near.fit, np.clip(near.score.discrepancy, DISCREPANCIES[1], FAR_DISCREPANCY)
     own = found.arrow.weight.copy()
     own[:, RunEffect.RATE] = np.maximum(own[:, RunEffect.RATE], 1.0 / RATE_SCATTER**2)
+    own[:, RunEffect.DRIFT] = np.maximum(own[:, RunEffect.DRIFT], 1.0 / problem.scatter[:, RunEffect.DRIFT] ** 2)
     discrepancy = np.full((bump.shape[0], bump.shape[-1]), 1.0 / sigma**2)
     beside = replace(
         found.arrow,

@@ -77,8 +77,10 @@ def placed(bins: Problem, found: Fit) -> Array:
     Every reading counts alike, as it is judged. Noise with a long memory would weigh increments, and place a run that a
     model misses far from its level.
     """
-    # How much stronger an effect is in a run by chance, no other run tells.
-    problem = bins.with_rate_scatter(RATE_SCATTER).with_strength_scatter(TINY_STRENGTH)
+    # How much stronger an effect is in a run by chance, no other run tells; an air that nobody recorded may drift in a
+    # run as it did in others.
+    problem = bins.with_rate_scatter(RATE_SCATTER).with_scatter_of(RunEffect.STRENGTH, TINY_STRENGTH)
+    problem = problem.with_scatter_of(RunEffect.DRIFT, found.drift_scatter)
     count = problem.channel.count
     of_one = np.einsum("rii->ri", problem.whitener) ** 2 / np.maximum(count, 1)  # precision of a reading
     weight = np.sqrt(count * of_one.mean(axis=1, where=count > 0, keepdims=True))

@@ -154,15 +154,15 @@ def _in_phase_by_chance(channel: Channel, frequency_hz: float) -> float:
     return float(special.ndtr(-np.sqrt(2.0 * len(turned)) * np.mean(turned)))
 
 
-def plateaus_of(time: Array, period_s: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def plateaus_of(time: Array, rests_until_s: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """The readings of a run (n,) before the transfer and at its end."""
-    return time < -2 * period_s, time > 0.67 * time[-1]
+    return time < rests_until_s, time > 0.67 * time[-1]
 
 
 def _at_rest(channel: Channel) -> Iterator[tuple[Array, Array, Sequence[NDArray[np.bool_]]]]:
     """Each run's times and readings (n,) and its plateaus; a record that was driven all along has none."""
-    for (time, value), air in zip(channel.samples, channel.air, strict=True):
-        yield time, value, plateaus_of(time, channel.sampling_period_s) if air is None else ()
+    for (time, value), rests_until_s, air in zip(channel.samples, channel.rests_until_s, channel.air, strict=True):
+        yield time, value, plateaus_of(time, rests_until_s) if air is None else ()
 
 
 def plateaus(channel: Channel) -> Iterator[_Plateau]:

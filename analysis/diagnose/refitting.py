@@ -79,7 +79,7 @@ def as_judged(problem: Problem, found: Fit) -> Fit | None:
     """
     channel, structure = problem.channel, found.structure
     readings = channel.count.sum(axis=1, keepdims=True)
-    alike = problem.with_rate_scatter(ALIKE).with_strength_scatter(TINY_STRENGTH)
+    alike = problem.with_rate_scatter(ALIKE).with_scatter_of(RunEffect.STRENGTH, TINY_STRENGTH)
     deviations = found.deviations.copy()
     deviations[:, [RunEffect.RATE, RunEffect.STRENGTH]] = 0.0
 

@@ -11,6 +11,7 @@ THRESHOLDS = {
     "tie": 0.05,  # share of the likeliest model's weight from which on another is tied with it
     "named": 0.75,  # probability of one effect more from which on it is stated: a wrong name costs three
     "adequacy": 1e-6,  # probability below which what is left is no accident
+    "drift_scatter": 0.001,  # of airs that nobody recorded, in steps: what is not worth a word
     "rate_scatter": 0.022,  # scatter of the runs' rates that is an effect
     "stated_scatter": 1.7,  # by how much stated uncertainties may be exceeded
     "held_out_excess": 2.0,  # multiple of the noise that is no accident on unseen runs

@@ -148,6 +148,22 @@ class Channel:
         """Runs (R,) whose air was measured all along."""
         return np.array([air is not None for air in self.air], dtype=bool)
 
+    @cached_property
+    def may_drift(self) -> NDArray[np.bool_]:
+        """Runs (R,) of whose air nobody knows whether it moved after the transfer."""
+        return ~self.conditions.airs_known & ~self.measured
+
+    @cached_property
+    def lasts_s(self) -> Array:
+        """From each run's nominal start to its last sample (R,) [s]."""
+        return np.array([max(float(time[-1]), self.sampling_period_s) for time, _ in self.samples])
+
+    @property
+    def rests_until_s(self) -> Array:
+        """Until when each run's sensor shows the air before (R,) [s]: a start that nobody recorded may have been before
+        its estimate."""
+        return -np.maximum(2.0 * self.sampling_period_s, self.conditions.start_scatter_s)
+
     @property
     def isothermal(self) -> NDArray[np.bool_]:
         """Runs (R,) whose two airs have one temperature, within the width of an ambient."""
@@ -262,6 +278,7 @@ FAR_SHARE = 0.1  # of its distance from the transfer: a bin beyond the plan is a
 BEFORE_S = 1.2  # width of a bin of the plateau before the transfer
 STARTS_WITHIN = 3.0  # standard deviations of a start that nobody recorded, within which it is looked for
 WIDENING = 0.25  # of a bin's distance from a start that nobody recorded: it is no wider
+BENT = 4.0  # standard deviations that a bin is off the line between its neighbours by beyond theirs: readings turn
 NEAR_S = 0.3  # before the transfer within which samples stand singly
 FINE_BIN_WIDTHS = (
     0.015,
@@ -275,11 +292,42 @@ def fine_width(samples: Samples, resolution: float) -> float:
     A response of time tau bends by step w^2 / (24 tau^2) within a bin of width w, in all R runs alike: that is to stay
     at a fifth of what the noise of the runs together leaves.
     """
-    # A mean square, not a median: rounded readings mostly repeat the one before.
-    spread = [np.sqrt(0.5 * np.mean(np.square(np.diff(y[t > 0.6 * t[-1]])))) for t, y in samples]
-    noise = max(float(np.median(spread)), resolution / np.sqrt(12.0))
+    noise = _noise(samples, resolution)
     step = max(float(np.median([np.ptp(y) for _, y in samples])), noise)
     return float(np.clip(1.44 * np.sqrt(4.8 * noise / (step * np.sqrt(len(samples)))), *FINE_BIN_WIDTHS))
+
+
+def _noise(samples: Samples, resolution: float) -> float:
+    """Standard deviation of single readings, from the ends of runs, that no sensor rounds away."""
+    # A mean square, not a median: rounded readings mostly repeat the one before.
+    spread = [np.sqrt(0.5 * np.mean(np.square(np.diff(y[t > 0.6 * t[-1]])))) for t, y in samples]
+    return max(float(np.median(spread)), resolution / np.sqrt(12.0))
+
+
+def parted_where_bent(edges: Array, samples: Samples, period_s: float, resolution: float, open_s: float) -> Array:
+    """The edges with bins within `open_s` of the estimated start cut to single readings in which those of a run turn.
+
+    A response that begins amid a bin turns there by its slope: the mean of its readings is off the model's at their
+    mean time. It is off the line between the bins beside it by twice as much, and more, than these are off theirs at
+    the same curvature; where a response bends as smoothly as bins are laid out for, all are off alike.
+    """
+    noise, bent = _noise(samples, resolution), np.zeros(edges.size - 1, dtype=bool)
+    for time, value in samples:
+        at = np.searchsorted(edges, time, side="right") - 1
+        inside = (at >= 0) & (at < bent.size)
+        filled, place = np.unique(at[inside], return_inverse=True)
+        count = np.bincount(place)
+        t, y = (np.bincount(place, x[inside]) / count for x in (time, value))
+        before_s, after_s = np.diff(t)[:-1], np.diff(t)[1:]
+        share = before_s / (before_s + after_s)
+        off = np.abs(y[1:-1] - ((1.0 - share) * y[:-2] + share * y[2:]))
+        curved = np.pad(off / (before_s * after_s), 1)
+        beyond = off - np.maximum(curved[:-2], curved[2:]) * before_s * after_s
+        variance = 1.0 / count[1:-1] + (1.0 - share) ** 2 / count[:-2] + share**2 / count[2:]
+        bent[filled[1:-1]] |= (beyond > BENT * noise * np.sqrt(variance)) & (count[1:-1] > 1)
+    about = (edges[1:] > -open_s) & (edges[:-1] < open_s)
+    singly = [np.arange(edges[k], edges[k + 1] - 0.5 * period_s, period_s)[1:] for k in np.flatnonzero(bent & about)]
+    return np.sort(np.concatenate([edges, *singly]))
 
 
 def edges_after_transfer(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,10 +13,12 @@ from shockrig.analysis.estimate.channel import Channel, as_single_samples
 from shockrig.analysis.estimate.effect import DIFFERS_BY, TINY_STRENGTH, Effect
 from shockrig.analysis.estimate.model import LEAST_TRIGGER_OFFSET_S, TRIGGER, Model, Point, Structure
 from shockrig.analysis.estimate.problem import (
+    DRIFT_SCATTER_LIMIT,
     UNVENTILATED_LIMIT,
     OwnRates,
     Problem,
     likeliest,
+    likeliest_drift,
     likeliest_strength,
     prior_cost,
     restriction,
@@ -60,6 +63,8 @@ class Fit:
         Run-to-run scatter of the rate that the fit settled on.
     strength_scatter : float
         Likewise of the strength of the effect that differs from run to run; 1 where none does.
+    drift_scatter : float
+        Likewise of the drifts of airs that nobody recorded, in steps of the runs; 1 where all were recorded.
     residual : ndarray (R, n)
         y - f [channel's unit]; zero where a bin is empty.
     arrow : Arrow
@@ -77,6 +82,7 @@ class Fit:
     deviance: float
     rate_scatter: float
     strength_scatter: float
+    drift_scatter: float
     residual: Array
     arrow: Arrow
     converged: bool
@@ -118,7 +124,11 @@ class Fit:
 
     def on_its_scatters(self, problem: Problem) -> Problem:
         """A problem with the scatters that the fit settled on."""
-        return problem.with_rate_scatter(self.rate_scatter).with_strength_scatter(self.strength_scatter)
+        return (
+            problem.with_rate_scatter(self.rate_scatter)
+            .with_scatter_of(RunEffect.STRENGTH, self.strength_scatter)
+            .with_scatter_of(RunEffect.DRIFT, self.drift_scatter)
+        )
 
     def own_rates(self) -> OwnRates:
         """What each run alone says of its rate."""
@@ -189,7 +199,8 @@ def _linearise(problem: Problem, model: Model, point: Point, hold_theta: bool = 
     channel, theta = problem.channel, point.theta
     rates, step = channel.rates, model.steps()
     run_step = np.array(channel.quantity.run_steps)
-    moved = [k for k in range(run_step.size) if k != RunEffect.STRENGTH or model.structure.scattering]
+    moves = {RunEffect.STRENGTH: model.structure.scattering is not None, RunEffect.DRIFT: channel.may_drift.any()}
+    moved = [k for k in range(run_step.size) if moves.get(RunEffect(k), True)]
     free = 0 if hold_theta else model.behind.start - rates
     count = 1 + free + len(moved)
     thetas = np.tile(theta, (count, 1))
@@ -232,7 +243,7 @@ def objective_at(problem: Problem, model: Model, point: Point) -> float:
     return _penalised(problem, model, point, residual, int(mute.sum()))
 
 
-AIRS = [RunEffect.SOURCE, RunEffect.DESTINATION]
+AIRS = [RunEffect.SOURCE, RunEffect.DESTINATION, RunEffect.DRIFT]
 
 
 def with_airs(problem: Problem, model: Model, point: Point) -> tuple[Array, Array]:
@@ -338,7 +349,7 @@ def _descend(
     objective, arrow = at.objective(problem, model), at.arrow(problem, model)
     damping, converged, wary = 1e-3, False, False
     airs_open = not problem.channel.conditions.airs_known.all()
-    changed = 0.0  # by which the rates' scatter was last taken over, in its logarithm
+    changed: Mapping[RunEffect, Changed] = {}
     for _ in range(iterations):
         pull = prior_weight * (prior_mean - at.point.theta)
         first, last = _starts_on_their_side(problem, at.point)
@@ -377,9 +388,8 @@ def _descend(
         arrow = at.arrow(problem, model)
         damping = max(damping / 8, LEAST_DAMPING)
         if adapt_scatter:
-            adapted = _adapted(problem, model, arrow, at.point, changed)
+            adapted, changed = _adapted(problem, model, arrow, at.point, changed)
             if adapted is not problem:
-                changed = float(np.log(adapted.rate_scatter / problem.rate_scatter)) or changed
                 problem, furthest = adapted, _longest_run_steps(adapted)
                 objective, arrow = at.objective(problem, model), at.arrow(problem, model)
                 continue
@@ -425,31 +435,50 @@ def _longest_run_steps(problem: Problem) -> Array:
     longest = LONGEST_RUN_STEP * problem.scatter
     longest[:, RunEffect.RATE] = UNVENTILATED_LIMIT
     longest[~c.start_known, RunEffect.START] = problem.scatter[~c.start_known, RunEffect.START]
+    longest[:, RunEffect.DRIFT] = DRIFT_SCATTER_LIMIT
     for air in (RunEffect.SOURCE, RunEffect.DESTINATION):
         longest[~c.airs_known, air] = problem.scatter[~c.airs_known, air]
     return longest
 
 
-def _adapted(problem: Problem, model: Model, arrow: Arrow, at: Point, changed: float) -> Problem:
-    """The problem with the scatters that the runs make most likely; itself where those are about what it has.
+@dataclass(frozen=True)
+class Changed:
+    """By how much a fit last took over another scatter, in its logarithm, and whether it ever turned back."""
+
+    by: float = 0.0
+    turned: bool = False
+
+
+def _adapted(
+    problem: Problem, model: Model, arrow: Arrow, at: Point, changed: Mapping[RunEffect, Changed]
+) -> tuple[Problem, Mapping[RunEffect, Changed]]:
+    """The problem with the scatters that the runs make most likely, and how each was changed; itself where those are
+    about what it has.
 
     Rates are told by how far each run may have one of its own and the other way round. Where what a step says of them
-    sends their scatter back from its last change (in its logarithm), it goes half of that: it ends in between, and not
-    to and fro.
+    sends their scatter back from its last change, it goes half of that, and from then on never further than it last
+    went: it ends in between, and not to and fro.
     """
-    scatter = likeliest(_own_rates(arrow, at.deviations, model), problem.rate_scatter_limit)
-    change = float(np.log(scatter / problem.rate_scatter))
-    if change * changed < 0.0:
-        change = float(np.clip(change, -0.5 * abs(changed), 0.5 * abs(changed)))
-    if abs(change) >= ADAPTED_FROM:
-        problem = problem.with_rate_scatter(problem.rate_scatter * float(np.exp(change)))
+    told = {RunEffect.RATE: likeliest(_own_rates(arrow, at.deviations, model), problem.rate_scatter_limit)}
     if (effect := model.structure.scattering) is not None:
         own = _own(arrow, at.deviations, RunEffect.STRENGTH)
         usual = abs(model.choice(at.theta).get(f"{effect.id}.{effect.differs_in}", 1.0))
-        scatter = likeliest_strength(OwnRates(*own, np.zeros_like(model.channel.ambient)), max(usual, TINY_STRENGTH))
-        if abs(np.log(scatter / problem.strength_scatter)) >= ADAPTED_FROM:
-            problem = problem.with_strength_scatter(scatter)
-    return problem
+        of_runs = OwnRates(*own, np.zeros_like(model.channel.ambient))
+        told[RunEffect.STRENGTH] = likeliest_strength(of_runs, max(usual, TINY_STRENGTH))
+    if (moving := model.channel.may_drift).any():
+        own = _own(arrow, at.deviations, RunEffect.DRIFT)
+        told[RunEffect.DRIFT] = likeliest_drift(own[0][moving], own[1][moving])
+    for which, scatter in told.items():
+        now, last = problem.scatter_of(which), changed.get(which, Changed())
+        change = float(np.log(scatter / now))
+        back = change * last.by < 0.0
+        if back or last.turned:
+            furthest = abs(last.by) * (0.5 if back else 1.0)
+            change = float(np.clip(change, -furthest, furthest))
+        if abs(change) >= ADAPTED_FROM:
+            problem = problem.with_scatter_of(which, now * float(np.exp(change)))
+            changed = {**changed, which: Changed(change, back or last.turned)}
+    return problem, changed
 
 
 def _own_rates(arrow: Arrow, deviations: Array, model: Model) -> OwnRates:
@@ -478,7 +507,8 @@ def _finished(problem: Problem, model: Model, at: Linearised, arrow: Arrow, obje
         objective=objective,
         deviance=objective + complexity + float(prior_cost(np.array(problem.rate_scatter))),
         rate_scatter=problem.rate_scatter,
-        strength_scatter=problem.strength_scatter,
+        strength_scatter=problem.scatter_of(RunEffect.STRENGTH),
+        drift_scatter=problem.scatter_of(RunEffect.DRIFT),
         residual=np.where(problem.channel.count > 0, problem.channel.value - at.prediction, 0.0),
         arrow=arrow,
         converged=converged,

@@ -24,6 +24,7 @@ from shockrig.analysis.estimate.channel import (
     edges_after_transfer,
     fine_width,
     group_ambients,
+    parted_where_bent,
     place,
 )
 from shockrig.analysis.estimate.driven_air import (
@@ -493,6 +494,8 @@ def build_channel(campaign: Campaign, name: ChannelName) -> Channel | None:
         fine = fine_width(samples, quantity.resolution)
         open_s = STARTS_WITHIN * float(np.where(conditions.start_known, 0.0, conditions.start_scatter_s).max())
         edges = edges_after_transfer(first, last, period, tempo, half_s, fine, open_s)
+        if open_s > 0.0:
+            edges = parted_where_bent(edges, samples, period, quantity.resolution, open_s)
     off_s = 0.0 if campaign.common is None else campaign.common.trigger_offset_s
     bin_of = place(samples, edges, np.hypot(conditions.start_scatter_s, off_s))
     time, value, count = bin_means([t for t, _ in samples], [y for _, y in samples], bin_of)

@@ -328,6 +328,9 @@ class Model:
             deviations = np.array(deviations)
             deviations[..., channel.measured, RunEffect.DESTINATION] = 0.0
         airs = channel.quantity.airs(channel.conditions, deviations)
+        drift = None
+        if channel.may_drift.any():
+            drift = np.where(channel.may_drift, deviations[..., RunEffect.DRIFT] * self._step, 0.0)
         chain = Chain(
             channel=channel,
             time_s=channel.time_s - deviations[..., RunEffect.START][..., None],
@@ -340,6 +343,7 @@ class Model:
             air_offset=deviations[..., RunEffect.SOURCE],
             die_c=channel.die_c,
             before=before,
+            drift=drift,
             by_chance=deviations[..., RunEffect.STRENGTH],
             ramp_s=_slowed_s(channel),
         )
@@ -353,6 +357,12 @@ class Model:
         for effect in self.structure.effects:
             chain = effect.apply(chain, values[effect.id])
         return chain
+
+    @cached_property
+    def _step(self) -> Array:
+        """How large each run's step of the air is (R,), as it was recorded or as its plateaus say."""
+        quantity = self.channel.quantity
+        return np.maximum(np.abs(quantity.step(self.channel.conditions)), quantity.least_step)
 
     def _with_shared(self, theta: Array, deviations: Array) -> Array:
         """The runs' random effects (B, R, U) with what all of them share."""

@@ -229,7 +229,8 @@ def score(problem: Problem, found: Fit, bump: Array, blocks: NDArray[np.int64] |
     """
     g = gram(problem, found, bump)
     usual = g.own.copy()
-    usual[:, RunEffect.RATE] = np.minimum(usual[:, RunEffect.RATE], problem.rate_scatter**2)
+    for effect in (RunEffect.RATE, RunEffect.DRIFT):
+        usual[:, effect] = np.minimum(usual[:, effect], problem.scatter[:, effect] ** 2)
     owns = [replace(g, own=own) for own in ((g.own, usual) if (usual < g.own).any() else (g.own,))]
 
     def best_under(misfit: float) -> tuple[Array, float, float]:
@@ -349,6 +350,7 @@ def stated_beside(problem: Problem, found: Fit, bump: Array, discrepancy: float)
         deviations=again.deviations,
         rate_scatter=again.rate_scatter,
         strength_scatter=again.strength_scatter,
+        drift_scatter=again.drift_scatter,
         residual=residual,
         arrow=arrow,
     )

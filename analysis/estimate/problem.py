@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 RATE_SCATTER = 0.004
 RATE_SCATTER_WEIGHT = 2.0  # in runs: how strongly the data must contradict it
 STRENGTHS_TRIED = np.geomspace(0.02, 5.0, 41)  # relative scatters of an effect's strength from run to run
+# Of air that nobody recorded, what it changes by in a record behind its step, relative to that: before the data say
+# otherwise, and at most. What changes by more is no step of the air.
+DRIFT_SCATTER, DRIFT_SCATTER_LIMIT = 3e-4, 0.3
 RATE_SCATTER_LIMIT = 0.03  # beyond this, runs do not differ a little: the model is wrong
 BLOCK_ROWS, NOTHING = 24, 1e-12  # of a whitener: rows taken at once, and what of its largest number is none
 UNVENTILATED_LIMIT = 0.5  # where nobody recorded the airflow, runs may differ as much as airflows do
@@ -87,6 +90,13 @@ def likeliest_strength(part: OwnRates, usual: float) -> float:
     return float(trials[np.argmin(restricted(trials, [part]))])
 
 
+def likeliest_drift(own: Array, spread: Array) -> float:
+    """The scatter of drifts about none at all that those which runs show by themselves (R,) make most likely."""
+    trials = np.geomspace(DRIFT_SCATTER, DRIFT_SCATTER_LIMIT, 41)
+    variance = trials[:, None] ** 2 + spread**2
+    return float(trials[np.argmin((np.log(variance) + own**2 / variance).sum(axis=1))])
+
+
 def scatters_tried(limit: float = RATE_SCATTER_LIMIT) -> Array:
     """Trial scatters up to a limit, evenly spaced in their logarithm."""
     return np.geomspace(0.1 * RATE_SCATTER, limit, 80)
@@ -134,41 +144,38 @@ class Problem:
         """Random effects (R, U) whose size was stated: nobody can be off from what nobody recorded."""
         c = self.channel.conditions
         known = np.ones(self.scatter.shape, dtype=bool)
-        known[:, RunEffect.STRENGTH] = False
+        known[:, [RunEffect.STRENGTH, RunEffect.DRIFT]] = False
         known[:, RunEffect.START] = c.start_known
         known[:, RunEffect.SOURCE] = known[:, RunEffect.DESTINATION] = c.airs_known
         return known
 
+    def scatter_of(self, effect: RunEffect) -> float:
+        """One of the scatters that are estimated: of ln rate, of an effect's strength where one differs so, of the
+        drifts of airs that nobody recorded; 1 where there are none of these."""
+        return float(self.scatter[:, effect].min())
+
+    def with_scatter_of(self, effect: RunEffect, value: float) -> Problem:
+        """With another one of these scatters."""
+        scatter = self.scatter.copy()
+        scatter[:, effect] = value if effect is not RunEffect.DRIFT else np.where(self.channel.may_drift, value, 1.0)
+        new = replace(self, scatter=scatter)
+        # The whitener is the same one: what was read off it takes longer than many of its products.
+        new.__dict__.update({name: self.__dict__[name] for name in ("_weights", "_blocks") if name in self.__dict__})
+        return new
+
     @property
     def rate_scatter(self) -> float:
         """Scatter of ln rate from run to run."""
-        return float(self.scatter[0, RunEffect.RATE])
+        return self.scatter_of(RunEffect.RATE)
+
+    def with_rate_scatter(self, rate_scatter: float) -> Problem:
+        """With another scatter of ln rate."""
+        return self.with_scatter_of(RunEffect.RATE, rate_scatter)
 
     @property
     def rate_scatter_limit(self) -> float:
         """The largest scatter of ln rate from run to run that is none of the model's faults."""
         return RATE_SCATTER_LIMIT if self.channel.conditions.airflow_known.all() else UNVENTILATED_LIMIT
-
-    def with_rate_scatter(self, rate_scatter: float) -> Problem:
-        """With another scatter of ln rate."""
-        return self._with_scatter(RunEffect.RATE, rate_scatter)
-
-    @property
-    def strength_scatter(self) -> float:
-        """Scatter of an effect's strength from run to run, where one differs so."""
-        return float(self.scatter[0, RunEffect.STRENGTH])
-
-    def with_strength_scatter(self, strength_scatter: float) -> Problem:
-        """With another scatter of an effect's strength."""
-        return self._with_scatter(RunEffect.STRENGTH, strength_scatter)
-
-    def _with_scatter(self, effect: RunEffect, value: float) -> Problem:
-        scatter = self.scatter.copy()
-        scatter[:, effect] = value
-        new = replace(self, scatter=scatter)
-        # The whitener is the same one: what was read off it takes longer than many of its products.
-        new.__dict__.update({name: self.__dict__[name] for name in ("_weights", "_blocks") if name in self.__dict__})
-        return new
 
     def with_weights(self, weight: Array) -> Problem:
         """With independent errors of its bins (R, n), of these weights."""
@@ -216,6 +223,7 @@ def make_problem(
     scatter[:, RunEffect.START] = c.start_scatter_s
     scatter[:, RunEffect.RATE] = rate_scatter
     scatter[:, RunEffect.STRENGTH] = 1.0
+    scatter[:, RunEffect.DRIFT] = np.where(channel.may_drift, DRIFT_SCATTER, 1.0)
     scatter[:, RunEffect.SOURCE] = np.hypot(source, extra)
     scatter[:, RunEffect.DESTINATION] = np.hypot(destination, extra)
     if quantity.run_effects > RunEffect.DESTINATION_C:

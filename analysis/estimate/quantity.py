@@ -28,6 +28,7 @@ class RunEffect(IntEnum):
 
     STRENGTH is by how much the one effect of the model that differs from run to run is stronger than usual, in the unit
     of its strength.
+    DRIFT is what an air that nobody recorded changes by from the transfer to the record's end, in steps of the run.
     Where the air was measured, DESTINATION is how far off the air was that the sensor had settled to before its record.
     """
 
@@ -36,10 +37,11 @@ class RunEffect(IntEnum):
     SOURCE = 2
     DESTINATION = 3
     STRENGTH = 4
-    DESTINATION_C = 5
+    DRIFT = 5
+    DESTINATION_C = 6
 
 
-RUN_EFFECT_NAMES = ("start", "rate", "source", "destination", "strength", "destination temperature")
+RUN_EFFECT_NAMES = ("start", "rate", "source", "destination", "strength", "drift", "destination temperature")
 
 
 @dataclass(frozen=True)
@@ -194,7 +196,7 @@ TEMPERATURE = Quantity(
     air_fields=("source_c", "destination_c"),
     rise=(15.0, 25.0),
     pooled=True,
-    run_steps=(1e-4, 1e-4, 1e-3, 1e-3, 1e-3),
+    run_steps=(1e-4, 1e-4, 1e-3, 1e-3, 1e-3, 1e-4),
     reading=temperature_reading,
     airs=_temperature_airs,
     step=_temperature_step,
@@ -221,7 +223,7 @@ HUMIDITY = Quantity(
     air_fields=("source_percent", "destination_percent"),
     rise=(40.0, 60.0),
     pooled=False,
-    run_steps=(1e-4, 1e-4, 1e-2, 1e-2, 1e-3, 1e-3),
+    run_steps=(1e-4, 1e-4, 1e-2, 1e-2, 1e-3, 1e-4, 1e-3),
     reading=humidity_reading,
     airs=_humidity_airs,
     step=_taken_up,

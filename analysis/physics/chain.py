@@ -64,6 +64,8 @@ class Recorded(Protocol):
     @property
     def air(self) -> tuple[MeasuredAir | None, ...]: ...
     @property
+    def lasts_s(self) -> Array: ...
+    @property
     def samples(self) -> tuple[tuple[Array, Array], ...]: ...
     @property
     def die_samples(self) -> tuple[Array, ...]: ...
@@ -113,6 +115,8 @@ class Chain:
         What is added to a measured air [the channel's unit]: its reference's own error.
     before : ndarray (B, R) or None
         What is added to the first sample of a measured air, which the sensor had settled to when its record began.
+    drift : ndarray (B, R) or None
+        What the destination changes by from the transfer to a record's end, evenly [the channel's unit].
     by_chance : ndarray (B, R) or 0
         By how much the effect that differs from run to run is stronger in each run.
     die_c : ndarray (R, n)
@@ -165,6 +169,7 @@ class Chain:
     air_offset: Array
     die_c: Array
     before: Array | None = None
+    drift: Array | None = None
     by_chance: Array | float = 0.0
     ramp_s: Array | None = None
     rooms: tuple[RoomAir, ...] = ()

@@ -141,6 +141,8 @@ def temperature_reading(chain: Chain) -> Array:
     response = _response(chain, chain.rate)
     step = (chain.destination_c - chain.source_c)[..., None]
     reading = chain.source_c[..., None] + step * _driven(chain, response, chain.time_s, chain.ramp_s)
+    if chain.drift is not None:
+        reading = reading + chain.drift[..., None] * _drifting(chain, response, chain.time_s)
     for room in chain.rooms:
         excess = room.fraction * (room.temperature_c - chain.destination_c)
         reading = reading + excess[..., None] * _let_in(chain, response, room)
@@ -167,6 +169,9 @@ def _taken_up(chain: Chain) -> Array:
         rate, time, ramp_s = _concentration_dependent(chain, chain.activity_slope, source_hpa)
     response = _response(chain, rate)
     held = source_hpa[..., None] + (destination_hpa - source_hpa)[..., None] * _driven(chain, response, time, ramp_s)
+    if chain.drift is not None:
+        saturated = saturation_pressure_hpa(chain.destination_c)
+        held = held + (chain.drift * saturated)[..., None] * _drifting(chain, response, time)
     if chain.wet_until_s is not None:
         wet = np.maximum(chain.wet_until_s, 0.0)[..., None]
         excess = 100.0 * saturation_pressure_hpa(chain.destination_c) - destination_hpa
@@ -213,6 +218,9 @@ def _taken_up_by_activity(chain: Chain) -> Array:
     source_hpa, destination_hpa = _vapour_hpa(chain)
     begun = _begun(at_knots)
     vapour = source_hpa[..., None] + (destination_hpa - source_hpa)[..., None] * begun
+    if chain.drift is not None:
+        gone = np.maximum(at_knots.time_s, 0.0) / chain.channel.lasts_s[:, None]
+        vapour = vapour + (chain.drift * saturation_pressure_hpa(chain.destination_c))[..., None] * gone
     for room in chain.rooms:
         excess = room.humidity_percent * saturation_pressure_hpa(room.temperature_c) - destination_hpa
         vapour = vapour + begun * _left_of(at_knots, room) * excess[..., None]
@@ -349,6 +357,11 @@ def _driven(chain: Chain, response: modes.Modes, time: Array, ramp_s: Array | No
     if ramp_s is None:
         return _shared(_averaged(chain, modes.Modes.step), response, time)
     return _shared(_averaged(chain, modes.Modes.ramp), response, time, ramp_s)
+
+
+def _drifting(chain: Chain, response: modes.Modes, time: Array) -> Array:
+    """Response to air that drifts evenly from the transfer on, by one until the record ends."""
+    return _shared(_averaged(chain, modes.Modes.integral), response, time) / chain.channel.lasts_s[:, None]
 
 
 def _let_in(chain: Chain, response: modes.Modes, room: RoomAir) -> Array:

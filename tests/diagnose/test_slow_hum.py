@@ -110,7 +110,7 @@ def test_what_slow_swings_take_out_is_told_of_all_at_once_as_one_by_one():
     rng = np.random.default_rng(4)
     time, apart_hz = np.sort(rng.uniform(-60.0, 120.0, 1200)), 1.0 / 600.0
     value = 0.1 * np.sin(2.0 * np.pi * 0.03 * time) + 0.02 * rng.standard_normal(time.size)
-    ends = hums._ends_of(time, value, hums.plateaus_of(time, 0.1))
+    ends = hums._ends_of(time, value, hums.plateaus_of(time, -0.2))
     gained = hums._gained(ends, apart_hz, 40)
     alone = [ends.square - hums._swing(ends, k * apart_hz)[1] for k in range(6, 40)]
     assert np.argmax(gained) == 18 and gained[6:] == pytest.approx(alone, rel=0.1, abs=0.002)

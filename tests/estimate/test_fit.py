@@ -11,6 +11,7 @@ from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import PLAIN, Model, Point
 from shockrig.analysis.estimate.noise import estimate_noise, whiteners
 from shockrig.analysis.estimate.problem import Problem, make_problem
+from shockrig.analysis.estimate.quantity import RunEffect
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.plans import standard_plan
@@ -33,7 +34,9 @@ def made(channel, whitener, seed, rate, scatter=0.004):
     """The channel with readings made from known rates, deviations and noise (binned as the real ones were)."""
     rng = np.random.default_rng(seed)
     problem = make_problem(channel, whitener, rate_scatter=scatter)
-    deviations = problem.scatter * rng.standard_normal(problem.scatter.shape)
+    airs_known = np.arange(problem.scatter.shape[1]) != RunEffect.DRIFT
+    deviations = channel.at_rest()
+    deviations[:, airs_known] = problem.scatter[:, airs_known] * rng.standard_normal((channel.runs, airs_known.sum()))
     value = Model(channel).predict(Point(rate, deviations))[0].copy()
     for run in range(channel.runs):
         filled = channel.count[run] > 0

@@ -38,7 +38,7 @@ def some_point(model, seed, batch):
     start = model.start(np.full(model.channel.rates, np.log(0.3)))
     low, high = model.bounds()
     theta = np.clip(start + 0.2 * rng.standard_normal((batch, model.size)), low, high)
-    steps = np.array([0.01, 0.01, 0.02, 0.02, 0.02, 0.02])[: model.channel.quantity.run_effects]
+    steps = np.array([0.01, 0.01, 0.02, 0.02, 0.02, 0.02, 0.02])[: model.channel.quantity.run_effects]
     return Point(theta, steps * rng.standard_normal((batch, model.channel.runs, steps.size)))
 
 
