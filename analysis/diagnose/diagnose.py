@@ -25,12 +25,14 @@ from shockrig.analysis.diagnose.next_experiments import next_experiments
 from shockrig.analysis.diagnose.pool import Search
 from shockrig.analysis.diagnose.predicting import outdone, predicting_model
 from shockrig.analysis.diagnose.prepare import Prepared, likelier_average, prepare, with_rounding
+from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.diagnose.remainder import Tolerance, describe, measure_remainder
 from shockrig.analysis.diagnose.search import Earlier, first_look, search
 from shockrig.analysis.diagnose.stated_effects import causes_in, forms_in, tried_beside
 from shockrig.analysis.diagnose.verdict import Standing, verdict
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.channel import Channel
+from shockrig.analysis.estimate.drifting import where_airs_drift
 from shockrig.analysis.estimate.gather import build_channel, usable_runs, why_none
 from shockrig.analysis.estimate.predictive import as_stated, bumps
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, looked_for
@@ -78,6 +80,7 @@ def diagnose_channel(
     progress(f"{channel.name}: searching for what explains it")
     ready, found = _searched(channel, ready, earlier, describing)
     problem = ready.problem
+    channel = replace(channel, drifts=problem.channel.drifts)
     progress(f"{channel.name}: measuring the gain on unseen runs")
     tolerance = tolerance or Tolerance()
     parts = held_out_parts(channel, problem, found.plain)
@@ -151,12 +154,17 @@ def _searched(channel: Channel, ready: Prepared, earlier: Earlier | None, descri
     """The search, with what coarse codes do to errors; anew where a running mean of another length is likelier."""
     rough = first_look(ready.problem, ready.structure) if ready.rounds_coarsely else None
     ready = with_rounding(ready, rough)
-    found = search(ready.problem, ready.structure, earlier, describing)
+    ready, found = _search_of(ready, earlier, describing)
     averaged = likelier_average(ready, found, judge(ready.problem, found.best.fit).passed)
     if averaged is None:
         return ready, found
-    ready = with_rounding(prepare(channel, averaged), rough)
-    return ready, search(ready.problem, ready.structure, earlier, describing)
+    return _search_of(with_rounding(prepare(channel, averaged), rough), earlier, describing)
+
+
+def _search_of(ready: Prepared, earlier: Earlier | None, describing: bool) -> tuple[Prepared, Search]:
+    """A search, in airs that drift where these explain the runs."""
+    problem, plain = where_airs_drift(ready.problem, plain_fit(ready.problem, ready.structure))
+    return replace(ready, problem=problem), search(problem, ready.structure, earlier, describing, plain)
 
 
 def refuted(gain: Gain, tolerance: float) -> bool:

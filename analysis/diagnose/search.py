@@ -35,7 +35,11 @@ def first_look(problem: Problem, base: Structure = PLAIN) -> Fit:
 
 
 def search(
-    problem: Problem, base: Structure = PLAIN, earlier: Earlier | None = None, describing: bool = True
+    problem: Problem,
+    base: Structure = PLAIN,
+    earlier: Earlier | None = None,
+    describing: bool = True,
+    plain_at: Fit | None = None,
 ) -> Search:
     """Search for what explains a channel.
 
@@ -48,10 +52,12 @@ def search(
         What an earlier search of the same runs, or of some of them, ended with: a place to begin from as well.
     describing : bool
         Whether forms of the grammar are candidates as well.
+    plain_at : Fit, optional
+        The fit of the plain model, where it has been made.
     """
     among = [one for one in candidates(problem.channel) if describing or one.form is None]
     race = Race(problem, base, among)
-    plain = race.keep(race.rated(plain_fit(problem, base)))
+    plain = race.keep(race.rated(plain_at or plain_fit(problem, base)))
     entries = [one for one in among if one.form is None]
     forms = [one for one in among if one.form is not None]
     # First, so that where a search came to its limit, one that begins from its end leads further.

@@ -80,6 +80,8 @@ class Channel:
         Standard uncertainty of the reference that measured airs [the channel's unit]; 0 where none did.
     reference_noise : float
         Standard deviation of the means of its readings, before they were smoothed [the channel's unit]; 0 likewise.
+    drifts : bool
+        Whether airs that nobody recorded are taken to have moved on behind their steps.
     """
 
     quantity: Quantity
@@ -107,6 +109,7 @@ class Channel:
     readings_per_sample: int = 1
     reference_known_to: float = 0.0
     reference_noise: float = 0.0
+    drifts: bool = False
 
     @property
     def reading_period_s(self) -> float:
@@ -150,8 +153,8 @@ class Channel:
 
     @cached_property
     def may_drift(self) -> NDArray[np.bool_]:
-        """Runs (R,) of whose air nobody knows whether it moved after the transfer."""
-        return ~self.conditions.airs_known & ~self.measured
+        """Runs (R,) whose air is taken to have moved on behind its step."""
+        return self.drifts & ~self.conditions.airs_known & ~self.measured
 
     @cached_property
     def lasts_s(self) -> Array:

@@ -163,6 +163,11 @@ class Problem:
         new.__dict__.update({name: self.__dict__[name] for name in ("_weights", "_blocks") if name in self.__dict__})
         return new
 
+    def with_drifting_airs(self) -> Problem:
+        """With airs that drift behind their steps where nobody recorded them."""
+        moving = replace(self, channel=replace(self.channel, drifts=True))
+        return moving.with_scatter_of(RunEffect.DRIFT, DRIFT_SCATTER)
+
     @property
     def rate_scatter(self) -> float:
         """Scatter of ln rate from run to run."""

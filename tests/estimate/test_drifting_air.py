@@ -1,14 +1,17 @@
 """Airs that nobody recorded and that move on behind their step: what a body shows of them, and that runs tell them from
 a slow part of the sensor."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
+from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.estimate.channel import Channel
-from shockrig.analysis.estimate.fit import fit
+from shockrig.analysis.estimate.drifting import where_airs_drift
 from shockrig.analysis.estimate.gather import build_channel
-from shockrig.analysis.estimate.model import PLAIN, Model, Point
+from shockrig.analysis.estimate.model import Model, Point
 from shockrig.analysis.estimate.noise import estimate_noise, whiteners
 from shockrig.analysis.estimate.problem import DRIFT_SCATTER, make_problem
 from shockrig.analysis.estimate.quantity import RunEffect
@@ -42,12 +45,12 @@ def channel_of(drifts_k, slow=(0.0, 1.0), tau_s=TAU_S, lasts_s=LASTS_S, seed=1, 
 
 def fitted(channel):
     problem = make_problem(channel, whiteners(channel, estimate_noise(channel)))
-    return fit(problem, PLAIN, Model(channel).start(np.array([-np.log(1.3 * TAU_S)])))
+    return where_airs_drift(problem, plain_fit(problem))[1]
 
 
 def test_a_reading_follows_air_that_drifts_as_a_lag_does():
     """Against steps of a second by which the air moves, each followed by itself."""
-    channel = channel_of([0.0, 0.0])
+    channel = replace(channel_of([0.0, 0.0]), drifts=True)
     model, deviations = Model(channel), channel.at_rest()
     theta = model.start(np.array([-np.log(TAU_S)]))
     steady = model.predict(Point(theta, deviations))[0]
@@ -72,6 +75,7 @@ def test_nothing_drifts_where_the_airs_were_recorded():
     )
     bodies = {"imet": "lumped", "hyt": "film"}
     channel = build_channel(Campaign("steady", None, {}, 4e-4, 1e-5, runs, bodies=bodies), "temperature")
+    channel, open_ = replace(channel, drifts=True), replace(open_, drifts=True)
     assert not channel.may_drift.any() and open_.may_drift.all()
     model, deviations = Model(channel), channel.at_rest()
     theta, before = model.start(np.array([-np.log(TAU_S)])), None
@@ -94,9 +98,18 @@ def test_drifts_and_the_rate_beside_them_are_those_that_were_there():
 
 
 def test_air_that_does_not_drift_is_fitted_as_steady():
-    found = fitted(channel_of([0.0] * 4))
+    channel = channel_of([0.0] * 4)
+    assert not fitted(channel).model.channel.may_drift.any()
+    moving = make_problem(channel, whiteners(channel, estimate_noise(channel))).with_drifting_airs()
+    found = plain_fit(moving)
     assert found.drift_scatter < 2.0 * DRIFT_SCATTER
     assert np.exp(-found.theta[0]) == pytest.approx(TAU_S, rel=0.003)
+
+
+def test_what_a_model_is_wrong_by_is_no_drift():
+    """A second part beside which the air drifts: a drift would take up what of it the lag leaves, as far as it can."""
+    found = fitted(channel_of([1.0, -2.0, 1.5], slow=(0.4, 350.0)))
+    assert not found.model.channel.may_drift.any() and (found.deviations[:, RunEffect.DRIFT] == 0.0).all()
 
 
 @pytest.mark.parametrize("runs", [2, 3, 6])
