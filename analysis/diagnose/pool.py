@@ -89,6 +89,8 @@ class Search:
     predictors : tuple of Rated
         The same with those whose effects say nothing where they ended: no name follows from such a model, a prediction
         may. The heaviest first.
+    likeliest : Rated
+        The heaviest of them but for those that do no more than what is known of the bench allows by itself.
     ended_early : bool
         Whether it made as many fits as it may, so that more may be there.
     """
@@ -99,12 +101,13 @@ class Search:
     weights: Array
     fits: int
     predictors: tuple[Rated, ...]
+    likeliest: Rated
     ended_early: bool = False
 
     @property
     def leaves_open(self) -> bool:
         """Whether the plain model is stated since nothing is sure enough, though another is likelier than it."""
-        return self.best is self.plain and self.predictors[0] is not self.plain
+        return self.best is self.plain and self.likeliest is not self.plain
 
     def probability(self, effect: str) -> float:
         """Of an effect's being there: the weight of all models that hold its law, however that may depend on things."""

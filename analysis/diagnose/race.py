@@ -10,7 +10,7 @@ from functools import reduce
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.analysis.diagnose.candidates import Candidate, bare_forms, kin_of, sound
+from shockrig.analysis.diagnose.candidates import Candidate, bare_forms, kin_of, refused, sound
 from shockrig.analysis.diagnose.first_order import FAR_DISCREPANCY, Screened, Starts, best_group, promises
 from shockrig.analysis.diagnose.pool import Rated, Search, heaviest_first, keep_best, stated, stuck, value_of
 from shockrig.analysis.diagnose.refitting import begun_anew, rate_shift, refit
@@ -315,7 +315,12 @@ class Race:
         known = {one.ids for one in among}
         unsound = (one for one in self.unsound.values() if one.ids not in known and not stuck(one, fitted))
         predictors, _ = heaviest_first([*among, *unsound])
-        return stated(Search(plain, pool[0], pool, weight, self.fits, predictors, self.ended))
+        likeliest = next(one for one in predictors if one.ids == plain.ids or not self._within_the_bench(one))
+        return stated(Search(plain, pool[0], pool, weight, self.fits, predictors, likeliest, self.ended))
+
+    def _within_the_bench(self, one: Rated) -> bool:
+        """Whether an effect of a model does no more than airs, triggers or references may be off by."""
+        return any(refused(one.fit, effect) for effect in one.fit.structure.effects if effect.id not in self.fixed)
 
 
 def _carried(found: Fit, structure: Structure, effect: Effect, other: Candidate) -> Array:

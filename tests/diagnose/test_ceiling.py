@@ -46,6 +46,14 @@ def test_a_limit_amid_the_readings_of_a_plateau_is_no_ceiling(tmp_path):
     assert search(problem).best.fit.structure.ids == ("calibration_error",)
 
 
+def test_plateaus_that_are_more_alike_than_the_airs_leave_nothing_open(tmp_path):
+    """Before: a ceiling amid the readings of a plateau is no finding, but likelier than the plain model, which was then
+    `unexplained` though nothing is left of it."""
+    found = search(wet_world(tmp_path, plan=standard_plan()[::2]))
+    assert any("saturation_clipping" in one.ids and one.value > found.plain.value for one in found.predictors)
+    assert found.best is found.plain and not found.leaves_open
+
+
 def test_a_limit_below_the_air_is_a_ceiling(tmp_path):
     problem = wet_world(tmp_path, Hidden("saturation_clipping", {"limit_percent": 79.0}), plan=standard_plan()[::3])
     found = search(problem).best.fit

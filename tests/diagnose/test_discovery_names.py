@@ -267,7 +267,7 @@ def test_a_mean_that_the_noise_denies_is_none_whatever_the_response_says(tmp_pat
     assert better.deviance < delay.deviance - 1000.0
     race = Race(ready.problem, ready.structure, ())
     pool = (race.rated(delay), race.rated(plain))
-    found = Search(pool[1], pool[0], pool, np.array([1.0, 0.0]), 2, pool)
+    found = Search(pool[1], pool[0], pool, np.array([1.0, 0.0]), 2, pool, pool[0])
     assert likelier_average(ready, found, False) is None
     monkeypatch.delitem(CATALOGUE, "moving_average")
     assert likelier_average(ready, found, False) is None

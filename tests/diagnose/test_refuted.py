@@ -80,7 +80,7 @@ def test_what_stands_in_the_place_of_a_refuted_model_is_as_sure_as_any_other():
 
     plain, other, right = rated(0.0), rated(0.4, "dead_time"), rated(30.0, "series_lag")
     pool, weight = (right, other, plain), weights([one.score.runs for one in (right, other, plain)], [0.0] * 3)
-    found = Search(plain, right, pool, weight, 3, ())
+    found = Search(plain, right, pool, weight, 3, (), right)
     left = found.without_best()
     assert found.weight(other) < 0.01 < left.weight(other) < level("named") and left.best is plain
     sure = replace(found, pool=(right, rated(20.0, "dead_time"), plain)).without_best()
