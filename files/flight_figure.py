@@ -5,7 +5,7 @@ against time or against altitude. matplotlib is imported to draw.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from shockrig.files.figures import BLUE, GREY, ORANGE, notebook_figure, styled
 from shockrig.files.flight import Corrected, Flight
 from shockrig.files.legs import ways
 from shockrig.files.ranges import RANGES, Range
-from shockrig.files.readings_figure import Against, has_altitude, thinned, time_axis
+from shockrig.files.readings_figure import Against, at, draw_line, has_altitude, lone, rows_shown, time_axis
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -119,24 +119,33 @@ def plot_flight(flight: Flight, corrected: Corrected, against: Against = "time")
     along, label = time_axis(flight.time_s)
     figure = notebook_figure(9.2, 1.0 + 3.2 * len(shown))
     rows = figure.subplots(2 * len(shown), 1, sharex=True, squeeze=False, height_ratios=[2.4, 1.0] * len(shown))[:, 0]
-    few = thinned(flight.time_s.size)
+    few = rows_shown(flight.time_s)
+    along = at(along, few)
     for one, above, below in zip(shown, rows[::2], rows[1::2], strict=True):
-        above.plot(along[few], one.reading[few], color=ORANGE, lw=0.9, label="as read")
-        above.plot(along[few], one.value[few], color=BLUE, lw=0.9, label="corrected, 95 % band")
+        reading, value, low, high = (at(v, few) for v in (one.reading, one.value, *one.band))
+        draw_line(above, along, reading, color=ORANGE, label="as read")
+        draw_line(above, along, value, color=BLUE, label="corrected, 95 % band")
         above.set_ylabel(one.label)
-        low, high = (end[few] for end in one.band)
-        above.fill_between(along[few], low, high, color=BLUE, alpha=0.25, lw=0)
-        band(below, along[few], low - one.value[few], high - one.value[few], one.unit)
+        draw_band(above, along, low, high)
+        band(below, along, low - value, high - value, one.unit)
     rows[0].legend(loc="best")
     rows[-1].set_xlabel(label)
     return figure
+
+
+def draw_band(axes: Axes, along: Array, low: Array, high: Array, alpha: float = 0.25, across: bool = False) -> None:
+    """A band along x, or along y where it goes `across`; a line where one value stands alone."""
+    fill, lines = (axes.fill_betweenx, axes.hlines) if across else (axes.fill_between, axes.vlines)
+    fill(along, low, high, color=BLUE, alpha=alpha, lw=0)
+    if (alone := lone(along, low, high)).any():
+        lines(along[alone], low[alone], high[alone], color=BLUE, alpha=alpha)
 
 
 def band(axes: Axes, along: Array, below: Array, above: Array, unit: str) -> None:
     """The 95 % band by itself, on a scale on which it can be seen; where far less is known than usual it is cut."""
     reach = np.maximum(-below, above)
     known = reach[np.isfinite(reach)]
-    axes.fill_between(along, below, above, color=BLUE, alpha=0.35, lw=0)
+    draw_band(axes, along, below, above, alpha=0.35)
     axes.axhline(0.0, color=GREY, lw=0.6)
     if known.size:
         most = 1.3 * float(np.quantile(known, SHOWN_SHARE))
@@ -161,15 +170,14 @@ def _profiles(flight: Flight, shown: list[Shown]) -> Figure:
 def draw_profile(axes: Axes, time_s: Array, altitude_m: Array, one: Shown) -> None:
     """A channel over altitude, as read and corrected with its band, ways up drawn full and ways down dashed."""
     up, down = ways(altitude_m)
-    few = thinned(altitude_m.size)
-    height = altitude_m[few]
+    few = rows_shown(time_s)
+    height = at(altitude_m, few)
     for way, style, words in ((up, "-", "ascent"), (down, "--", "descent")):
         if np.count_nonzero(way) < 2:
             continue
         # each way is a line of its own
-        reading, value, low, high = (np.where(way, v, np.nan)[few] for v in (one.reading, one.value, *one.band))
-        look: dict[str, Any] = {"lw": 0.9, "ls": style}
-        axes.plot(reading, height, color=ORANGE, label=f"as read, {words}", **look)
-        axes.fill_betweenx(height, low, high, color=BLUE, alpha=0.25, lw=0)
-        axes.plot(value, height, color=BLUE, label=f"corrected, {words}", **look)
+        reading, value, low, high = (at(np.where(way, v, np.nan), few) for v in (one.reading, one.value, *one.band))
+        draw_line(axes, reading, height, color=ORANGE, ls=style, label=f"as read, {words}")
+        draw_band(axes, height, low, high, across=True)
+        draw_line(axes, value, height, color=BLUE, ls=style, label=f"corrected, {words}")
     axes.set_xlabel(one.label)

@@ -5,7 +5,7 @@ matplotlib is imported to draw.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +16,18 @@ from shockrig.files.legs import ways
 from shockrig.files.numbers import SINCE_1970_S, moment
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
 Against = Literal["time", "altitude"]
 IN_MINUTES_S = 900.0  # a flight that lasts longer is drawn over minutes
 LEAST_CLIMB_M = 10.0  # of an altitude that says more than its own noise
 ENOUGH_ROWS = 4000  # that a figure can show; more only make it heavy
+# Rows farther apart than ten times what nine in ten are have nothing drawn between them: nobody measured there. A gap
+# that no figure shows parts nothing.
+USUAL_SHARE, GAP_PERIODS = 0.9, 10.0
 
 
 def time_axis(time_s: Array) -> tuple[Array, str]:
@@ -60,13 +65,13 @@ def plot_readings(
     shown = [(label, values) for label, values in both if np.isfinite(values).any()]
     if not shown:
         raise InputError("the flight has no readings to draw; give a log with temperature or humidity")
-    few = thinned(time_s.size)
+    few = rows_shown(time_s)
     if against == "time":
         along, words = time_axis(time_s)
         figure = notebook_figure(9.2, 1.0 + 2.2 * len(shown))
         rows = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
         for axes, (label, values) in zip(rows, shown, strict=True):
-            axes.plot(along[few], values[few], color=ORANGE, lw=0.9)
+            draw_line(axes, at(along, few), at(values, few), color=ORANGE)
             axes.set_ylabel(label)
         rows[-1].set_xlabel(words)
         return figure
@@ -76,13 +81,40 @@ def plot_readings(
     for axes, (label, values) in zip(figure.subplots(1, len(shown), sharey=True, squeeze=False)[0], shown, strict=True):
         for way, style, words in zip(ways(altitude_m), ("-", "--"), ("ascent", "descent"), strict=True):
             if way.sum() > 1:  # each way is a line of its own
-                axes.plot(np.where(way, values, np.nan), altitude_m, color=ORANGE, lw=0.9, ls=style, label=words)
+                one_way = at(np.where(way, values, np.nan), few)
+                draw_line(axes, one_way, at(altitude_m, few), color=ORANGE, ls=style, label=words)
         axes.set_xlabel(label)
     figure.axes[0].set_ylabel("altitude, m")
     figure.axes[0].legend(loc="best")
     return figure
 
 
-def thinned(rows: int) -> slice:
-    """Rows that a figure needs."""
-    return slice(None, None, max(1, rows // ENOUGH_ROWS))
+def rows_shown(time_s: Array) -> Rows:
+    """Rows (m,) of a log (n,) that a figure needs, and -1 where a gap, or a clock that was set, parts two of them."""
+    steps = np.abs(np.diff(time_s))
+    few = np.arange(0, time_s.size, max(1, time_s.size // ENOUGH_ROWS))
+    moved = steps[steps > 0.0]
+    if not moved.size:
+        return few
+    seen_s = float(np.nanmax(time_s) - np.nanmin(time_s)) / ENOUGH_ROWS
+    behind = np.flatnonzero(steps > max(GAP_PERIODS * float(np.quantile(moved, USUAL_SHARE)), seen_s)) + 1
+    few = np.union1d(few, np.append(behind - 1, behind))
+    return np.insert(few, np.searchsorted(few, behind), -1)
+
+
+def at(values: Array, rows: Rows) -> Array:
+    """Values (n,) at the rows (m,) that are shown; NaN in a gap."""
+    return np.where(rows >= 0, values[rows], np.nan)
+
+
+def lone(*values: Array) -> NDArray[np.bool_]:
+    """Which points (m,) of a line have none beside them, so that a line would not show them."""
+    known = np.pad(np.isfinite(values).all(axis=0), 1)
+    return np.asarray(known[1:-1] & ~known[:-2] & ~known[2:])
+
+
+def draw_line(axes: Axes, x: Array, y: Array, color: str, **look: Any) -> None:
+    """A thin line with nothing drawn across a gap, and a point where one value stands alone."""
+    axes.plot(x, y, color=color, lw=0.9, **look)
+    if (alone := lone(x, y)).any():
+        axes.plot(x[alone], y[alone], ls="", marker=".", ms=2.0, color=color)

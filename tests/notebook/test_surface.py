@@ -246,6 +246,25 @@ def test_a_band_is_drawn_as_far_as_there_is_air_with_it(flight):
         assert (ends.min(), ends.max()) == (0.0, 100.0)
 
 
+def test_nothing_is_drawn_across_a_gap_and_a_value_alone_is(flight):
+    """Of two flights in a log a line and a band led from the one to the other, over what nobody measured."""
+    read, found = flight
+    row = np.arange(read.time_s.size)
+    time_s = read.time_s + 5000.0 * ((row >= 100).astype(float) + (row >= 101))
+    parted = dataclasses.replace(read, time_s=time_s, altitude_m=10.0 * read.time_s)
+    over_time, over_altitude = plot_flight(parted, found), plot_flight(parted, found, "altitude")
+    longest = {over_time.axes[0]: (0, 10.0 / 60.0), over_altitude.axes[0]: (1, 100.0)}
+    for axes, (along, most) in longest.items():
+        assert [line.get_marker() for line in axes.lines] == ["None", ".", "None", "."]
+        for line in axes.lines[::2]:
+            points = line.get_xydata()
+            pieces = np.split(points, np.flatnonzero(np.isnan(points).any(axis=1)))
+            assert len(pieces) == 3 and max(np.ptp(one[1:, along]) for one in pieces) < most
+        ends = [path.vertices[:, along] for drawn in axes.collections for path in drawn.get_paths()]
+        assert max(np.ptp(one) for one in ends) < most and len(axes.collections) == 2
+    assert np.count_nonzero(np.isnan(parted.plot().axes[0].lines[0].get_xdata())) == 2
+
+
 def test_xarray_missing_is_said_with_the_remedy(monkeypatch):
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(ImportError, match=r"pip install 'shockrig\[notebook\]'"):
