@@ -245,8 +245,10 @@ def _shares(pieces: _Pieces, usual: list[_Usual]) -> tuple[Array, Array]:
             size = np.hypot(factor * gone, scale)
             joined = np.log(size**2 / (scale * least[column])) + np.log(1.8) * (DEGF[q] & ~was)
             same = KINDS[chains.kind, 0][:, None] == COLUMN[0]
-            goes_on = np.where(same, unread[q][:, None], unread[1 - q][:, None]) & begun & ~pieces.begins[column, k]
-            goes_on &= pieces.count[column, k - 1] > 0
+            jumps = pieces.begins[column, k] | (pieces.count[column, k - 1] == 0)
+            # without a jump of its own a column keeps its unit: about -40 degrees only the humidity would tell
+            joined = np.where(same & ~unread[q][:, None] & ~jumps & (DEGF[q] != was), np.inf, joined)
+            goes_on = np.where(same, unread[q][:, None], unread[1 - q][:, None]) & begun & ~jumps
             # one that goes on has one end here, and not both
             nothing = np.where(goes_on, 0.5 * NOTHING, NOTHING)
             # a sensor that is stuck reads what it did before, or nothing

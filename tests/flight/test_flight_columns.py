@@ -200,3 +200,16 @@ def test_a_part_that_ends_in_a_burst_of_noise_is_told(degf):
         told = held(log if degf else columns(there, temperature, humidity), RESOLUTIONS)
         wrong.append(np.count_nonzero(((told.degf[0] if degf else told.exchanged) != there) | told.unsure))
     assert sum(off > 4 for off in wrong) <= 3
+
+
+@pytest.mark.parametrize("seed", [1, 7])
+def test_air_that_passes_the_degree_where_both_scales_meet_stays_in_its_own(seed):
+    """Of a sonde whose humidity goes from layer to layer all below -40 degC had become degF, since colder air explained
+    one step of the humidity better: at -40 degrees a change of unit makes no jump. 612 and 687 of 2500 rows were."""
+    row, rng = np.arange(2500), np.random.default_rng(seed)
+    temperature = np.round(-60.0 + 0.03 * row + np.cumsum(0.01 * rng.standard_normal(row.size)), 2)
+    layers = np.cumsum(np.where(row % 25 == 12, rng.normal(0.0, 3.0, row.size), 0.0))
+    layers -= np.linspace(layers[0], layers[-1], row.size)
+    humidity = np.clip(60.0 + layers, 5.0, 100.0) + 0.05 * rng.standard_normal(row.size)
+    told = held(np.stack([temperature, np.round(humidity, 2)]), (0.01, 0.01))
+    assert not told.degf.any() and not told.exchanged.any()
