@@ -322,7 +322,7 @@ def _through_vapour(
     plain = undone(film.effects, raw, at_sensor, film.part.film_thickness_m, typical_period(time_s))
     alone, most_k, drift = np.zeros(raw.shape), 0.0, np.zeros(raw.shape)
     if alike:
-        alone, most_k = _alone(time_s, plain, air, sigma, bead, screened, response, film.noise)
+        alone, most_k = _alone(time_s, plain, sigma, bead, film)
         moved = alone, _forgotten(alone, response, typical_period(time_s))
         believed, air = (possible_air(air - own) for own in moved)
         drift = _lagged_drift(air, believed, response, typical_period(time_s))
@@ -439,21 +439,15 @@ def _unread(bead: FlightChannel, time_s: Array) -> Mask:
     return _long(~bead.screened.usable, time_s, longest_s)
 
 
-def _alone(
-    time_s: Array,
-    plain: Undone,
-    air: Array,
-    sigma: Array,
-    bead: FlightChannel,
-    screened: Screened,
-    response: LagResponse,
-    noise: float,
-) -> tuple[Array, float]:
+def _alone(time_s: Array, plain: Undone, sigma: Array, bead: FlightChannel, film: FilmInAir) -> tuple[Array, float]:
     """How far (n,) the temperature has moved by itself, in K, and by how much in the largest of these moves; of a burst
-    of noise neither sensor says anything."""
+    of noise neither sensor says anything, nor a film in air that its profile does not reach: what it follows there, and
+    how late, nobody knows."""
+    screened, response = film.screened, film.response
     believed = screened.usable & bead.screened.usable & ~(screened.loud | bead.screened.loud)
-    own_noise = float(np.hypot(noise, screened.resolution / np.sqrt(12)) / np.median(plain.gain))
-    then = _earlier(time_s, air, plain.delay_s)
+    believed &= film.part.covers(film.air_c)
+    own_noise = float(np.hypot(film.noise, screened.resolution / np.sqrt(12)) / np.median(plain.gain))
+    then = _earlier(time_s, film.air_c, plain.delay_s)
     alone, most_k = np.zeros(then.shape), 0.0
     for shown in SHOWN_SHARES:
         air = possible_air(then - alone)

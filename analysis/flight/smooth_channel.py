@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import binary_opening, maximum_filter1d, uniform_filter1d
+from scipy.ndimage import binary_opening, maximum_filter1d, median_filter, uniform_filter1d
 
 from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
 from shockrig.analysis.flight.air_prior import (
@@ -495,20 +495,19 @@ class JumpTrials:
 def without(track: Track, values: Array, found: Sweep, jumps: Jumps) -> Array:
     """Readings without what the sensor shows of the jumps, bridged where it shows most how roughly they are placed."""
     rest, shown = values.copy(), np.ones(values.size, dtype=bool)
-    ends = np.append(np.flatnonzero(track.broken)[1:], values.size)
     for k, kind in zip(*np.nonzero(jumps.variance), strict=True):
         if not np.isfinite(found.jump_score[k, kind]) or found.jump[k, kind] == 0.0:
             continue
         # variance times what the readings after it ask for
         size = jumps.variance[k, kind] * found.jump_score[k, kind] ** 2 / found.jump[k, kind]
         modes = track.along.modes(int(k))
-        until = int(ends[np.searchsorted(ends, k, side="right")])
-        since = track.time_s[k:until] - track.time_s[k] + (1.0 - jumps.place[k]) * track.period_s
+        # behind a break as well: what ended there would be one more bend
+        since = track.time_s[k:] - track.time_s[k] + (1.0 - jumps.place[k]) * track.period_s
         decay = np.exp(-np.outer(since, modes.rate))
         if kind == 0:
-            rest[k:until] -= size * (1.0 + decay @ modes.amplitude)
+            rest[k:] -= size * (1.0 + decay @ modes.amplitude)
         else:
-            rest[k:until] -= size * (since + (1.0 - decay) @ (modes.amplitude / modes.rate))
+            rest[k:] -= size * (since + (1.0 - decay) @ (modes.amplitude / modes.rate))
         lasting = int(np.ceil(SETTLED_LAGS / (modes.rate.min() * track.period_s)))
         shown[k : k + min(lasting, LONGEST_HIDDEN)] = False
     nodes = np.arange(values.size)
@@ -906,14 +905,17 @@ class StrengthsOfFlight:
     def __call__(self, values: Array, largest: float | None = None) -> Prior:
         """Strengths at each node; a segment has the share `largest` of the flight at most. Segments shorter than the
         flight tell an inversion from what is around it, where stairs do not hide the air."""
-        track, rows, node_time = self.track, self.rows, self.track.time_s
+        track, rows = self.track, self.rows
         spread = 0.1 * NOISE_SPREAD if self.stairs else NOISE_SPREAD
         if largest is None:
             largest = 1.0 if self.stairs else LARGEST_SHARE
         # of readings that hide the air, or that are bridged where they say nothing, more are needed to tell
         fewest = SHORTEST_SEGMENT if largest < 1.0 and self.ordinary.all() else SEGMENT_SAMPLES
-        # what lies across a break is not the air's doing
-        values = values - np.cumsum(np.where(track.broken, np.diff(values, prepend=values[0]), 0.0))
+        # what lies across a break is not the air's doing, beside its trend: what is left behind a bend near the ground
+        # goes on by far more than all vapour far above
+        ahead = np.diff(values, prepend=values[0])
+        values = values - np.cumsum(np.where(track.broken, ahead - median_filter(ahead, ALONG_ROWS), 0.0))
+        node_time = np.cumsum(np.where(track.broken, track.period_s, np.diff(track.time_s, prepend=0.0)))
         if self.ordinary.any():  # under a profile that is not this sensor's no value may be
             values = np.interp(node_time, node_time[self.ordinary], values[self.ordinary])
         if rows.size > SPARSE_SHARE * values.size:
@@ -927,12 +929,14 @@ class StrengthsOfFlight:
         # what a trend does in longer steps would pass for noise; of what the air did in a long gap, as much as it does
         # between two samples
         change = np.diff(values[rows])
-        trend = uniform_filter1d(change / steps, ALONG_ROWS)
-        extra = np.where(long, change * (1.0 - spacing / steps), trend * (steps - spacing))
+        trend = uniform_filter1d(change / steps, ALONG_ROWS) * (steps - spacing)
+        extra = np.where(long, change * (1.0 - spacing / steps), trend)
         # nor does the air jump as a rule, whatever it did in a gap or before a sensor that is fast beside the rows
-        usual = max(self.expected, MAD_TO_SIGMA * float(np.median(np.abs(change))))
+        even = change - trend
+        usual = max(self.expected, MAD_TO_SIGMA * float(np.median(np.abs(even))))
         halfway = largest_share(track.along, spacing) > MOST_SHARE
-        extra = np.where(_jumped(change, JUMPED_FACTOR * usual, halfway), change, extra)
+        steady = median_filter(change / steps, ALONG_ROWS) * spacing
+        extra = np.where(_jumped(even, JUMPED_FACTOR * usual, halfway), change - steady, extra)
         seen = values[rows] - np.concatenate([[0.0], np.cumsum(extra)])
         some = None if track.passing is None else replace(track.passing, sigma=track.passing.sigma[rows])
         own = _local_priors(

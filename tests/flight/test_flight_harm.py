@@ -9,6 +9,7 @@ from benchmark_scripts import benchmark
 from scipy.signal import lfilter
 from scipy.special import ndtr
 
+from shockrig.analysis.flight import smooth_channel
 from shockrig.analysis.flight.air_prior import OU_VARIANCES, RATES_PER_S, Prior, fit_prior, fit_windows, seen, spectra
 from shockrig.analysis.flight.comparisons import (
     PARTED,
@@ -665,6 +666,24 @@ def test_weak_turbulence_that_no_segment_shows_alone_is_found_by_all_together():
         ratios.append(np.log(np.median(fit_windows(segments, response, period, common).turbulence) / strength))
     assert abs(np.mean(ratios)) < 0.25
     assert np.std(ratios) < 0.5
+
+
+def test_a_trend_that_is_far_more_than_the_air_makes_it_no_stronger():
+    """As a bend that was taken out near the ground leaves it: up high, with rows missing and a clock that was set, it
+    passed for vapour of some thousand times its strength."""
+    rng, time_s = np.random.default_rng(3), np.arange(6000.0)
+    kept = (rng.random(time_s.size) > 0.2) & ((time_s < 5000.0) | (time_s > 5007.0))
+    time_s = np.where(time_s < 5500.0, time_s, time_s + 100.0)[kept]
+    reading = _air(0.003, 1.0, 6000, rng)[kept] + 0.02 * rng.standard_normal(time_s.size)
+    rows, usable = np.ones((time_s.size, 1)), np.ones(time_s.size, dtype=bool)
+    response, noise = LagResponse(rows, 0.5 * rows, np.zeros(time_s.size)), np.full(time_s.size, 0.02**2)
+    strengths = []
+    for slope in (0.0, 20.0):
+        bent = reading + slope * np.maximum(time_s - 4200.0, 0.0)
+        on = smooth_channel._on_nodes(time_s, bent, usable, response, 0.0, None)
+        found = smooth_channel._strengths(on, usable, noise, None, None)(on.bridged)
+        strengths.append(np.max((found.turbulence / found.noise)[on.track.time_s > 4800.0]))
+    assert strengths[1] < 3.0 * strengths[0]
 
 
 def test_behind_a_gap_over_which_nothing_moved_the_sensor_is_taken_to_have_settled():

@@ -60,6 +60,18 @@ def test_sun_on_the_thermometer_does_not_reach_the_humidity():
     assert not any("without the humidity" in note for note in plain.notes)
 
 
+def test_a_film_in_air_that_its_profile_does_not_reach_witnesses_nothing():
+    """Up high a film is slower than any table says. Of a sonde its thermometer had been unsure by 0.6 K all the way."""
+    flown = fly(cold_air(), PROFILE, 5)
+    log = to_flight(flown.log)
+    dead = behind(log.humidity_percent, 60.0) + 0.05 * np.random.default_rng(5).standard_normal(log.time_s.size)
+    assert PROFILE.humidity.temperature_range_c[0] > -40.0
+    high = dataclasses.replace(log, temperature_c=log.temperature_c - 40.0 + lit(log.time_s), humidity_percent=dead)
+    done = correct(high, PROFILE)
+    assert not any("without the humidity" in note for note in done.notes)
+    assert np.nanmedian(done.temperature_uncertainty_k) < 0.1
+
+
 def test_a_thermometer_that_does_not_come_back_is_unsure_on_both_sides():
     """Its fan failed, or its ice melted: before or behind it was wrong, and nothing tells which."""
     flown = fly(cold_air(), PROFILE, 5)
