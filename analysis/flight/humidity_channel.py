@@ -441,11 +441,11 @@ def _unread(bead: FlightChannel, time_s: Array) -> Mask:
 
 def _alone(time_s: Array, plain: Undone, sigma: Array, bead: FlightChannel, film: FilmInAir) -> tuple[Array, float]:
     """How far (n,) the temperature has moved by itself, in K, and by how much in the largest of these moves; of a burst
-    of noise neither sensor says anything, nor a film in air that its profile does not reach: what it follows there, and
-    how late, nobody knows."""
+    of noise neither sensor says anything, nor does a film in air that is colder than its profile reaches: by how much
+    slower it is there nobody knows."""
     screened, response = film.screened, film.response
     believed = screened.usable & bead.screened.usable & ~(screened.loud | bead.screened.loud)
-    believed &= film.part.covers(film.air_c)
+    believed &= film.air_c >= film.part.temperature_range_c[0]
     own_noise = float(np.hypot(film.noise, screened.resolution / np.sqrt(12)) / np.median(plain.gain))
     then = _earlier(time_s, film.air_c, plain.delay_s)
     alone, most_k = np.zeros(then.shape), 0.0

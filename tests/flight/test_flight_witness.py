@@ -60,7 +60,7 @@ def test_sun_on_the_thermometer_does_not_reach_the_humidity():
     assert not any("without the humidity" in note for note in plain.notes)
 
 
-def test_a_film_in_air_that_its_profile_does_not_reach_witnesses_nothing():
+def test_a_film_in_air_colder_than_its_profile_reaches_witnesses_nothing():
     """Up high a film is slower than any table says. Of a sonde its thermometer had been unsure by 0.6 K all the way."""
     flown = fly(cold_air(), PROFILE, 5)
     log = to_flight(flown.log)
