@@ -53,7 +53,10 @@ class NetcdfWriter:
         "altitude": {"m": "m", "mmsl": "m"},
     }
     # as CF spells what maps write otherwise
-    UDUNITS = {"fraction": "1", "mmHg": "mm_Hg", "inHg": "in_Hg", "km/h": "km h-1", "knots": "knot", "mph": "mile h-1"}
+    UDUNITS = {
+        "fraction": "1", "mmHg": "mm_Hg", "inHg": "in_Hg", "km/h": "km h-1", "knots": "knot", "mph": "mile h-1",
+        "cdegC": "0.01 degC",
+    }  # fmt: skip
     CORRECTED = (
         ("temperature_corrected_c", "temperature_c", "air_temperature", "degC", "air temperature, sensor lag undone"),
         (

@@ -10,7 +10,9 @@ from types import MappingProxyType
 # quantity -> unit as maps write it -> (factor, offset) to the unit of the campaign: degC, percent, hPa, m/s
 UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = MappingProxyType(
     {
-        "temperature": {"degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5.0 / 9.0, -160.0 / 9.0)},
+        "temperature": {
+            "degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5.0 / 9.0, -160.0 / 9.0), "cdegC": (0.01, 0.0),
+        },
         "humidity": {"percent": (1.0, 0.0), "fraction": (100.0, 0.0)},
         "pressure": {
             "hPa": (1.0, 0.0), "Pa": (0.01, 0.0), "kPa": (10.0, 0.0), "bar": (1000.0, 0.0),
@@ -22,15 +24,29 @@ UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = MappingProxyType(
         },
         "time": {
             "s": (1.0, 0.0), "ms": (1e-3, 0.0), "us": (1e-6, 0.0), "min": (60.0, 0.0), "h": (3600.0, 0.0),
-            "days": (86400.0, 0.0),
+            "days": (86400.0, 0.0), "ns": (1e-9, 0.0),
         },
-        "altitude": {"m": (1.0, 0.0), "km": (1000.0, 0.0), "ft": (0.3048, 0.0)},
+        "altitude": {"m": (1.0, 0.0), "km": (1000.0, 0.0), "ft": (0.3048, 0.0), "cm": (0.01, 0.0), "mm": (0.001, 0.0)},
         "position": {"deg": (1.0, 0.0)},
     }
 )  # fmt: skip
-EPOCH = {"s": (5e8, 5e9), "ms": (5e11, 5e12), "us": (5e14, 5e15)}  # 1985 to 2128, as counted since 1970
+EPOCH = {
+    "s": (5e8, 5e9),
+    "ms": (5e11, 5e12),
+    "us": (5e14, 5e15),
+    "ns": (5e17, 5e18),
+}  # 1985 to 2128, as counted since 1970
 _ALIASES = {
     "degC": ("c", "°c", "degc", "deg c", "deg_c", "℃", "celsius", "degrees c", "degree c", "º c", "ºc", "grad c", "�c"),
+    "cdegC": (
+        "centidegc",
+        "centidegrees",
+        "degc/100",
+        "0.01 degc",
+        "0.01degc",
+        "0.01°c",
+        "0.01 °c",
+    ),  # of MAVLink, MS5611
     "K": ("k", "kelvin", "degk"),
     "degF": ("f", "°f", "degf", "deg f", "deg_f", "℉", "fahrenheit", "ºf", "�f"),
     "percent": (
@@ -64,18 +80,31 @@ _ALIASES = {
     "s": ("s", "sec", "secs", "second", "seconds", "sek", "sekunden", "seg", "segundo", "segundos", "secondi"),
     "ms": ("ms", "msec", "millis", "milliseconds", "millisecond"),
     "us": ("us", "µs", "μs", "usec", "micros", "microseconds"),
+    "ns": ("ns", "nsec", "nanos", "nanoseconds"),
     "min": ("min", "mins", "minute", "minutes", "minuten", "minuto", "minutos", "minuti"),
     "h": ("h", "hr", "hrs", "hour", "hours", "std", "stunde", "stunden", "horas", "heures"),
     "days": ("d", "day", "days", "tage", "dias", "jours"),
     "km": ("km",),
     "ft": ("ft", "feet"),
+    "cm": ("cm",),
+    "mm": ("mm",),
 }  # a letter "m" behind a name is seldom a metre
 _UNIT_OF = {alias: unit for unit, aliases in _ALIASES.items() for alias in (*aliases, unit.lower())}
 _QUANTITY_OF = {unit: quantity for quantity, units in UNITS.items() for unit in units}
 _WORDS = {
     "humidity": ("umid", "feucht", "humedad", "rh", "hum", "relh", "hr"),
     "pressure": ("press", "pres", "druck", "baro", "pstat"),
-    "airflow": ("wind speed", "windspeed", "wind_speed", "airflow", "air_flow", "airspeed", "air speed", "anemom"),
+    "airflow": (
+        "wind speed",
+        "windspeed",
+        "wind_speed",
+        "airflow",
+        "air_flow",
+        "airspeed",
+        "air speed",
+        "air_speed",
+        "anemom",
+    ),
     "temperature": ("temp", "tmp", "tair", "therm", "rtd", "ntc", "pt100", "pt1000", "bead", "t_air", "celsius"),
 }
 _OTHER = (
@@ -83,6 +112,10 @@ _OTHER = (
     "set point", "set_point", "set temp", "set_temp", "setting", "target", "anomaly", "direction", "velocity", "ascent",
     "climb", "over ground", "efficien", "duty", "throttle", "charge", "error", "g/m", "vpd", "vapo",
 )  # fmt: skip
+# of several columns of one quantity the first that is there: the air's own pressure goes before one that is reduced to
+# the sea, as weather meters have both, and the speed of the air past the sensor before that of the wind
+_OWN_AIR = re.compile(r"station|absolute|static|air[ _-]?(speed|flow)|anemom|pitot|(?<![a-z])tas(?![a-z])", re.I)
+_OF_THE_SEA = re.compile(r"baro|sea|(?<![a-z])(slp|mslp?|qnh|qff)(?![a-z])|altimeter", re.I)
 _TIMES = (
     "time", "timestamp", "datetime", "date_time", "date time", "date-time", "t", "date", "datum", "zeit", "uhrzeit",
     "elapsed", "elapsed time", "seconds", "millis", "milliseconds", "micros", "microseconds", "minutes", "hours",
@@ -224,6 +257,12 @@ def unique_names(names: Sequence[str], width: int | None = None) -> tuple[str, .
         seen[name] += 1
         unique.append(name if seen[name] == 1 else f"{name} #{seen[name]}")
     return tuple(unique)
+
+
+def how_near(name: str) -> int:
+    """0 of a pressure or an airflow that by its name is the sensor's own, 2 of a pressure that may be reduced to the
+    sea, 1 of any other."""
+    return 0 if _OWN_AIR.search(name) else 1 + bool(_OF_THE_SEA.search(name))
 
 
 def is_called_time(name: str) -> bool:

@@ -25,7 +25,7 @@ from shockrig.files.errors import InputError
 from shockrig.files.flight import REMEDY, Flight, FlightColumns, LayoutError, read_layout, unread_unit
 from shockrig.files.flight_cells import read_blocks
 from shockrig.files.flight_rows import damage_notes, whole_flight
-from shockrig.files.unit_names import INSIDE, OUTSIDE, outside_name, squeeze
+from shockrig.files.unit_names import INSIDE, OUTSIDE, how_near, outside_name, squeeze
 
 if TYPE_CHECKING:
     from shockrig.rig.logs.mapping import LogMap, SensorMap
@@ -182,6 +182,15 @@ def _by_guess(source: Path, columns: Mapping[str, str] | None) -> tuple[dict[str
                     "column and rename it, or read the log by a map that states its unit: shockrig import FILE --look "
                     "writes one, --map takes it"
                 ) from None
+        wind = taken.get("airflow", "")
+        # a meter without positions measures the wind that it stands in; others tell it from how they drift
+        if wind and how_near(wind) > 0 and ("latitude" in taken or "wind" not in wind.lower()):
+            del taken["airflow"]
+            found.pop("airspeed", None)
+            said.append(
+                f"airflow {wind!r} is not taken: a wind, or a speed over ground, is none of the air past a sensor that "
+                "flies; where it is, a map says so"
+            )
         if taken.get("die_temperature") == taken.get("temperature"):
             found.pop("die", None)  # that one chip measures both is what a logger's map supposes, and no reading
             taken.pop("die_temperature", None)

@@ -255,6 +255,8 @@ def clock(time_s: Array, part_s: float, readings: Sequence[Array] = ()) -> Order
     period = float(np.median(usual)) if usual.size else part_s
     left_out = np.minimum(np.maximum(ahead[bounds[1:-1] - 1], 0.0) / period, rows.size).astype(np.int64)
     on = _running_on([one[rows] for one in readings], bounds[1:-1], left_out, rows.size)
+    # a counter that begins anew was started, and not set: how long it was off nothing tells
+    on &= np.abs(time_s[rows] - time_s[rows[0]]) > longest
     steps = tuple(ClockStep(int(rows[k]), float(ahead[k - 1]), bool(on[k])) for k in bounds[1:-1])
     part = np.where(on[1:], period, max(part_s, longest + period))
     even = np.concatenate([[0.0], np.where(parting, part, ahead)])

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.files.flight import NAMES
-from shockrig.files.unit_names import UNITS, bare_name, is_called_time, quantity_of, squeeze, unit_by_letter
+from shockrig.files.unit_names import UNITS, bare_name, how_near, is_called_time, quantity_of, squeeze, unit_by_letter
 from shockrig.rig.logs.clock_columns import guess_clock
 from shockrig.rig.logs.known import SensorGuess, adjust
 from shockrig.rig.logs.mapping import COLUMNS
@@ -26,6 +26,7 @@ _WORDS = re.compile(
     re.I,
 )
 POSITION = ("altitude", "latitude", "longitude")
+AIRS_OWN = ("pressure", "airflow")  # of which a log has others beside that at the sensor
 STAMPS_APART = 0.05  # of the time from row to row: stamps that are less off the clock are the clock's
 IMPOSSIBLE = "hardly any of it can be what its name says (a raw count? if not, state it and its unit in the map)"
 NOTHING, ZEROS = "holds nothing", "holds nothing but zeros (not connected?)"
@@ -104,7 +105,7 @@ def guess_log(lines: Scan, impossible: Collection[str] = ()) -> Guess:
     for sensor in sensors.values():
         if sensor not in useful:  # a barometer by itself serves all
             shared += [(key, *column) for key, column in sensor.columns.items()]
-    for quantity, name, unit, how in shared:
+    for quantity, name, unit, how in sorted(shared, key=lambda one: one[0] in AIRS_OWN and how_near(one[1])):
         if quantity in COLUMNS and quantity not in ("temperature", "humidity"):
             for sensor in useful:
                 sensor.columns.setdefault(quantity, (name, unit, how))

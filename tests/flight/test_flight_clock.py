@@ -180,3 +180,14 @@ def test_lags_start_from_rest_where_nothing_before_tells():
     assert lags[50:] == pytest.approx(np.ones((50, lags.shape[1])))
     assert apart[50:] == pytest.approx(np.zeros((50, lags.shape[1])))
     assert np.abs(lags_behind(values, response, 0.1)[0][50:] - 1.0).max() > 1.0
+
+
+def test_a_counter_that_begins_anew_was_started_and_not_set():
+    """A logger that was switched off and on in still air: that its readings ran on had been concluded, beside a
+    sentence that what follows is a piece of its own."""
+    time_s = np.concatenate([2.0 + np.arange(300.0), 2.1 + np.arange(300.0)])
+    reading = 20.0 + 0.02 * np.random.default_rng(1).standard_normal(time_s.size)
+    assert [step.runs_on for step in clock(time_s, 120.0, (reading,)).steps] == [False]
+    # of one that counted before the clock of the receiver was known it is not said
+    time_s = np.concatenate([500.0 + np.arange(300.0), 200.0 + np.arange(300.0)])
+    assert [step.runs_on for step in clock(time_s, 120.0, (reading,)).steps] == [True]

@@ -497,3 +497,30 @@ def test_positions_and_heights_by_gps_and_barometer_are_known_by_name(tmp_path):
         tmp_path, "time,temp,gps_lat,gps_long,baro_alt", [f"{i},20.{i},48.1,11.{i},{500 + i}" for i in range(9)]
     )
     assert flight.latitude_deg[0] == 48.1 and flight.longitude_deg[8] == 11.8 and flight.altitude_m[8] == 508
+
+
+def test_a_weather_meters_own_pressure_is_taken_and_a_wind_is_no_airspeed(tmp_path, capsys):
+    """Kestrel writes the pressure that is reduced to the sea first. The wind of a log with positions, or a speed that
+    is nobody's, had been the airspeed of whatever flew."""
+    rows = [f'"{s}";"{20 - 0.01 * s:.1f}";"45";"1013,2";"{900 - 0.1 * s:.1f}";"8,0";"48,1"' for s in range(300)]
+    head = "Time (s);Temperature;Relative Humidity;Barometric Pressure;Station Pressure;Wind Speed;Latitude"
+    status, said = run(tmp_path, capsys, "\n".join([head, *rows]).replace(".", ","))
+    assert status == 0 and "pressure 'Station Pressure'" in said
+    assert "airflow 'Wind Speed' is not taken" in said and "temperature 'Temperature'" in said
+    status, said = run(tmp_path, capsys, "\n".join([head.replace("Wind Speed", "Speed (m/s)"), *rows]))
+    assert status == 0 and "airflow 'Speed (m/s)' is not taken" in said
+    flown = head.replace("Wind Speed", "Air Speed")
+    status, said = run(tmp_path, capsys, "\n".join([flown, *rows]).replace(".", ","))
+    assert status == 0 and "airflow 'Air Speed'" in said and "not taken" not in said
+
+
+def test_hundredths_nanoseconds_and_centimetres_are_units(tmp_path, capsys):
+    """As MAVLink and drivers of the MS5611 have them: 25.1 degC had been 2510, and 12 m 1200."""
+    rows = [f"{20_000_000 * k},{2510 + k % 3},{94199 - k},{1200 + k}" for k in range(300)]
+    names = "Timestamp_ns,Temperature_cdegC,Pressure_Pa,Altitude (cm)"
+    status, said = run(tmp_path, capsys, "\n".join([names, *rows]))
+    assert status == 0 and "is in cdegC" in said
+    given = pandas.read_csv(tmp_path / "out.csv").temperature_corrected_c
+    assert given.between(25.0, 25.2).all()
+    flight = read(tmp_path, names, rows)
+    assert np.isclose(flight.altitude_m[0], 12.0) and np.isclose(flight.time_s[-1], 299 * 0.02)
