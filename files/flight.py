@@ -34,7 +34,7 @@ from shockrig.files.unit_names import (
     quantity_of,
     squeeze,
     unique_names,
-    unit_in_name,
+    unit_among,
     unit_of_column,
 )
 from shockrig.files.views import card, require_xarray
@@ -339,7 +339,7 @@ def read_layout(path: Path, chosen: Mapping[str, str] | None = None) -> FlightCo
 def also_called(quantity: str, header: Sequence[str], place: Mapping[str, int]) -> list[str]:
     """Columns that may be a quantity's by their names, and are not taken for anything."""
     taken, named = set(place.values()), unique_names(header)
-    others = [k for k, name in enumerate(header) if quantity_of(name, unit_in_name(name)) == quantity]
+    others = [k for k, name in enumerate(header) if quantity_of(name, unit_among(name, header)) == quantity]
     return [named[k] for k in others if k not in taken]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
 
 # quantity -> unit as maps write it -> (factor, offset) to the unit of the campaign: degC, percent, hPa, m/s
@@ -122,7 +122,7 @@ _TIMES = (
     "epoch", "unixtime", "unix", "ms", "fecha", "hora", "heure", "tempo", "tiempo", "clock",
     "tms", "x_value",  # of LabVIEW's measurement files
 )  # fmt: skip
-OUTSIDE = ("external", "outside", "outdoor", "ambient", "ext", "air")
+OUTSIDE = ("external", "outside", "outdoor", "ambient", "ext", "air", "out")
 INSIDE = ("internal", "inside", "indoor", "box", "board", "case", "housing", "enclosure", "cpu", "pcb", "mcu")
 # humidities that are no relative one
 _NOT_RELATIVE = re.compile(r"absolut|specific|(?<![a-z])abs(?![a-z])")
@@ -158,6 +158,18 @@ def unit_in_name(name: str) -> str | None:
     # Nothing but a unit: "°C", "hPa"; a letter may be anybody's, and "hr" is a humidity in French and Spanish.
     unit = known_unit(name) if len(name.strip()) > 1 else None
     return None if unit in UNITS["time"] else unit
+
+
+def unit_among(name: str, names: Collection[str]) -> str | None:
+    """The unit that one of some columns' `names` carries, as in `unit_in_name`; None where it is a letter in whose
+    place another column has one that is no unit: igniter_a to igniter_d are four of a kind, and the third in no degC.
+    """
+    before, _, letter = name.rpartition("_")
+    if len(letter) == 1:
+        alike = (other for other in names if len(other) == len(name) and other.startswith(f"{before}_"))
+        if any(known_unit(other[-1]) is None for other in alike):
+            return None
+    return unit_in_name(name)
 
 
 # "tempF", "temp_f_probe1", "Temp 1 F": the word for a temperature, a number or none, and a letter by itself

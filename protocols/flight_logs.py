@@ -259,7 +259,7 @@ def _of_possible(source: Path, seen: LogMap) -> tuple[LogMap, dict[str, Series],
     while True:
         seen = replace(seen, sensors=dict(sorted(seen.sensors.items(), key=lambda one: _indoors(one[1]))))
         try:
-            found, remarks = _by_map(source, seen)
+            found, remarks = _by_map(source, _taken(seen))
         except ImpossibleError as fault:
             refused.append(fault)
             rest = columns_of(source, refused)
@@ -272,6 +272,16 @@ def _of_possible(source: Path, seen: LogMap) -> tuple[LogMap, dict[str, Series],
                 f"column {one.column!r} is left out: hardly any of it can be what its name says" for one in refused
             )
             return seen, found, (*left_out, *remarks)
+
+
+def _taken(seen: LogMap) -> LogMap:
+    """The map without sensors of which nothing is taken, since others stand before them: what is odd of these is
+    nothing to a flight."""
+    first: dict[str, str] = {}
+    for name, sensor in seen.sensors.items():
+        for key in sensor.columns:
+            first.setdefault(key, name)
+    return replace(seen, sensors={name: seen.sensors[name] for name in seen.sensors if name in first.values()})
 
 
 def _indoors(sensor: SensorMap) -> int:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from shockrig.files.disk import shown
 from shockrig.files.sentinels import NO_VALUE_WORDS
 from shockrig.files.spelling import did_you_mean
-from shockrig.files.unit_names import is_called_time, is_unit, known_unit, unique_names, unit_by_letter, unit_in_name
+from shockrig.files.unit_names import is_called_time, is_unit, known_unit, unique_names, unit_among, unit_by_letter
 from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.logs.lines import Index, Lines, read_lines
 
@@ -219,7 +219,7 @@ def unit_said(lines: Scan, place: int, rows: Sequence[Sequence[str]] = ()) -> st
     beside it."""
     under, name = known_unit(lines.units[place]), lines.names[place]
     by_letter, _ = unit_by_letter(name, lines.names)
-    said = under or unit_in_name(name) or unit_in_cells([row[place] for row in rows]) or by_letter
+    said = under or unit_among(name, lines.names) or unit_in_cells([row[place] for row in rows]) or by_letter
     return said or next((unit for k in (place - 1, place + 1) if (unit := unit_of_all(lines, k, rows))), None)
 
 

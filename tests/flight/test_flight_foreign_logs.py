@@ -524,3 +524,24 @@ def test_hundredths_nanoseconds_and_centimetres_are_units(tmp_path, capsys):
     assert given.between(25.0, 25.2).all()
     flight = read(tmp_path, names, rows)
     assert np.isclose(flight.altitude_m[0], 12.0) and np.isclose(flight.time_s[-1], 299 * 0.02)
+
+
+def test_the_third_of_a_kind_is_no_temperature(tmp_path, capsys):
+    """A rocket's igniters: the third was offered as a temperature, and taken for one where there is no other."""
+    rows = [f"{s};{20 - 0.01 * s:.2f};0;0;{s % 2};0" for s in range(120)]
+    text = "\n".join(["time;temperature;igniter_a;igniter_b;igniter_c;igniter_d", *rows])
+    for log in (text, text.replace(";", ",")):
+        status, said = run(tmp_path, capsys, log)
+        assert status == 0 and "igniter_c" not in said
+    assert read_layout(tmp_path / "log.csv").place.keys() == {"time", "temperature"}
+    status, said = run(tmp_path, capsys, text.replace("igniter_a", "temp_f").replace("igniter_c", "temp_c"))
+    assert status == 0 and "temp_c" in said
+
+
+def test_nothing_is_said_of_a_sensor_that_is_not_taken(tmp_path, capsys):
+    """Its missing values had been, and the one inside had been taken, as it stands first."""
+    rows = [f"{s};{20 + 0.01 * s:.2f};;{15 - 0.01 * s:.2f};{50 + 0.01 * s:.2f}".replace(".", ",") for s in range(120)]
+    rows[7] = "7;;;14,9;50,1"
+    text = "\n".join(["time;temp_in;hum_in;temp_out;hum_out", *rows])
+    status, said = run(tmp_path, capsys, text)
+    assert status == 0 and "temperature 'temp_out' is taken, and not 'temp_in'" in said and "missing" not in said
