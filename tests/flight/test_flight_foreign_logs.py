@@ -486,6 +486,22 @@ def test_lines_of_names_and_readings_are_read(tmp_path, capsys):
     assert len(done) == 100 and done["Temp"].iloc[-1] == 20.99 and np.isnan(done["Press"].iloc[40])
 
 
+@pytest.mark.parametrize("before", ["", "{i} - ", "10:{m:02d}:{s:02d}.120 -> "])
+def test_a_line_for_each_reading_is_read(tmp_path, capsys, before):
+    """As debug ports write records, a terminal's clock before each line or not. Before: no columns were found."""
+    lines = ["Starting up"]
+    for i in range(100):
+        record = [f"Seconds: {i}"] * (not before) + [f"Temperature: {20 + 0.01 * i:.2f}", f"Pressure: {1000 - i}"]
+        if i == 40:
+            record.pop()
+        lines += [before.format(i=i, m=i // 60, s=i % 60) + one for one in record]
+    status, said = run(tmp_path, capsys, "\n".join(lines) + "\n")
+    done = pandas.read_csv(tmp_path / "out.csv")
+    first = "time" if before else "Seconds"
+    assert status == 0 and f"read as columns: {first}, Temperature, Pressure" in said
+    assert len(done) == 100 and done["Temperature"].iloc[-1] == 20.99 and np.isnan(done["Pressure"].iloc[40])
+
+
 def test_a_remark_with_numbers_in_it_is_no_column(tmp_path, capsys):
     rows = [f"{0.5 * i:g},{20 + 0.01 * i:.2f},T=5 n=3" for i in range(100)]
     status, said = run(tmp_path, capsys, "\n".join(["time_s,temperature_c,note", *rows]) + "\n")
