@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.analysis.flight.causal import causal
-from shockrig.analysis.flight.comparisons import Told, compared, seen_by_film, slow_against_fast, told
+from shockrig.analysis.flight.comparisons import Told, compared, late_die, seen_by_film, slow_against_fast, told
 from shockrig.analysis.flight.doubts import airspeed_doubt, airspeed_notes, doubts, in_air, profile_doubts, slips
 from shockrig.analysis.flight.flight_channel import (
     FlightChannel,
@@ -319,6 +319,14 @@ def _temperature(
         notes.append(
             "temperature: where it was not read, or in noise, for long, it goes along what the humidity shows of it at "
             "once, which explains its readings better than a line between them"
+        )
+    loud, read = screened.loud & screened.usable, np.count_nonzero(screened.usable)
+    if np.count_nonzero(loud) > 0.5 * read:  # no burst any more
+        times = short(float(np.median(np.broadcast_to(screened.louder, raw.shape)[loud])), 2)
+        notes.append(
+            f"temperature: {np.count_nonzero(loud)} of {read} readings go to and fro by some {times} times the noise "
+            "that is stated, of which the humidity felt little: taken as noise; where the air went so, the "
+            f"hygrometer's own temperature is late ({late_die()})"
         )
     everywhere = np.ones(raw.size)
     outside = unseen(part.discovered, stream.airflow_m_s, raw)

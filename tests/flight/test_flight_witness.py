@@ -317,3 +317,13 @@ def test_what_a_film_may_have_done_by_itself_grows_with_nothing_that_the_air_doe
     sigma = done.humidity_uncertainty_percent
     assert np.nanmedian(sigma[1050:1250]) == pytest.approx(15.0 / np.sqrt(3.0), rel=0.1)
     assert np.nanmedian(sigma[3600:]) < 1.5  # 24 where the way down to 3 %RH was taken for the film's as well
+
+
+def test_readings_that_are_mostly_taken_for_noise_are_said_to_be():
+    """A meter's thermometer in the open and its hygrometer in a housing: in silence 80 of 115 readings were noise."""
+    rng, time_s = np.random.default_rng(1), 30.0 * np.arange(120)
+    nothing = np.full(time_s.size, np.nan)
+    temperature = np.round(22.0 + 0.7 * rng.standard_normal(time_s.size), 1)
+    humidity = np.round(40.0 + np.cumsum(0.05 * rng.standard_normal(time_s.size)), 1)
+    done = correct(Flight(time_s, temperature, humidity, nothing, nothing, nothing), PROFILE)
+    assert any("of which the humidity felt little: taken as noise" in note for note in done.notes), done.notes
