@@ -11,6 +11,7 @@ import errno
 import io
 import os
 import stat
+from collections.abc import Collection
 from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
@@ -22,6 +23,8 @@ JSON_AT_MOST = 64 * MIB
 TOML_AT_MOST = 16 * MIB
 TABLE_AT_MOST = 1024 * MIB  # of CSV that is held in memory: a day at 200 Hz is a third of it
 STREAM_AT_MOST = 64 * 1024 * MIB  # of CSV that is read in blocks
+CODE_PAGES = ("cp932", "gb18030", "cp949", "cp1251")  # Windows in Japanese, Chinese, Korean, Russian
+NAMES_WITHIN = 1 << 16  # bytes, in which a table has the names of its columns
 
 _KINDS = (
     (stat.S_ISDIR, "Is a directory"),
@@ -99,12 +102,20 @@ def read_bytes(path: str | os.PathLike[str], remedy: str, at_most: int = TABLE_A
     return content
 
 
-def decoded(content: bytes) -> str:
-    """Text of a table that some other program wrote: UTF-8, or what spreadsheets on Windows write."""
+def decoded(content: bytes, names: Collection[str] = ()) -> str:
+    """Text of a table that some other program wrote: UTF-8, or what spreadsheets on Windows write.
+
+    Nothing but its words tells what Windows of which language wrote it: of `CODE_PAGES` the first by which one of the
+    `names` stands in it, else that of Western Europe.
+    """
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:
-        return content.decode("cp1252", errors="replace")
+        pass
+    begins = content[:NAMES_WITHIN]
+    texts = ((page, begins.decode(page, errors="replace").lower()) for page in CODE_PAGES)
+    found = (page for page, text in texts if any(name in text for name in names))
+    return content.decode(next(found, "cp1252"), errors="replace")
 
 
 def read_text(path: str | os.PathLike[str], remedy: str, at_most: int = JSON_AT_MOST) -> str:

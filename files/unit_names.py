@@ -23,19 +23,17 @@ UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = MappingProxyType(
             "ft/min": (0.00508, 0.0),
         },
         "time": {
-            "s": (1.0, 0.0), "ms": (1e-3, 0.0), "us": (1e-6, 0.0), "min": (60.0, 0.0), "h": (3600.0, 0.0),
-            "days": (86400.0, 0.0), "ns": (1e-9, 0.0),
+            "s": (1.0, 0.0), "ms": (1e-3, 0.0), "us": (1e-6, 0.0), "ns": (1e-9, 0.0), "min": (60.0, 0.0),
+            "h": (3600.0, 0.0), "days": (86400.0, 0.0),
         },
         "altitude": {"m": (1.0, 0.0), "km": (1000.0, 0.0), "ft": (0.3048, 0.0), "cm": (0.01, 0.0), "mm": (0.001, 0.0)},
         "position": {"deg": (1.0, 0.0)},
     }
 )  # fmt: skip
-EPOCH = {
-    "s": (5e8, 5e9),
-    "ms": (5e11, 5e12),
-    "us": (5e14, 5e15),
-    "ns": (5e17, 5e18),
-}  # 1985 to 2128, as counted since 1970
+# 1985 to 2128, as counted since 1970
+EPOCH = {"s": (5e8, 5e9), "ms": (5e11, 5e12), "us": (5e14, 5e15), "ns": (5e17, 5e18)}
+# what 1970-01-01 is in days, as spreadsheets, Matlab and astronomers count them
+DAY_1970 = {"a spreadsheet's": 25569.0, "Matlab's": 719529.0, "Julian": 2440587.5}
 _ALIASES = {
     "degC": ("c", "°c", "degc", "deg c", "deg_c", "℃", "celsius", "degrees c", "degree c", "º c", "ºc", "grad c", "�c"),
     "cdegC": (
@@ -91,9 +89,9 @@ _ALIASES = {
 }  # a letter "m" behind a name is seldom a metre
 _UNIT_OF = {alias: unit for unit, aliases in _ALIASES.items() for alias in (*aliases, unit.lower())}
 _QUANTITY_OF = {unit: quantity for quantity, units in UNITS.items() for unit in units}
-_WORDS = {
-    "humidity": ("umid", "feucht", "humedad", "rh", "hum", "relh", "hr"),
-    "pressure": ("press", "pres", "druck", "baro", "pstat"),
+_WORDS = {  # in Latin letters, Russian, Chinese, Japanese and Korean
+    "humidity": ("umid", "feucht", "humedad", "rh", "hum", "relh", "hr", "влажн", "湿度", "濕度", "습도"),
+    "pressure": ("press", "pres", "druck", "baro", "pstat", "давлен", "气压", "氣壓", "気圧", "기압"),
     "airflow": (
         "wind speed",
         "windspeed",
@@ -105,7 +103,26 @@ _WORDS = {
         "air_speed",
         "anemom",
     ),
-    "temperature": ("temp", "tmp", "tair", "therm", "rtd", "ntc", "pt100", "pt1000", "bead", "t_air", "celsius"),
+    "temperature": (
+        "temp",
+        "tmp",
+        "tair",
+        "therm",
+        "rtd",
+        "ntc",
+        "pt100",
+        "pt1000",
+        "bead",
+        "t_air",
+        "celsius",
+        "темпер",
+        "温度",
+        "溫度",
+        "気温",
+        "气温",
+        "氣溫",
+        "온도",
+    ),
 }
 _OTHER = (
     "dew", "frost", "batt", "volt", "heat index", "wind chill", "wet bulb", "wet-bulb", "potential", "setpoint",
@@ -121,7 +138,10 @@ _TIMES = (
     "elapsed", "elapsed time", "seconds", "millis", "milliseconds", "micros", "microseconds", "minutes", "hours",
     "epoch", "unixtime", "unix", "ms", "fecha", "hora", "heure", "tempo", "tiempo", "clock",
     "tms", "x_value",  # of LabVIEW's measurement files
+    "время", "дата", "дата и время", "дата/время", "日期", "日付", "시간", "날짜", "일시",
 )  # fmt: skip
+# what tables in other scripts name their columns by
+FOREIGN_WORDS = ("℃", *(word for words in (*_WORDS.values(), _TIMES) for word in words if not word.isascii()))
 OUTSIDE = ("external", "outside", "outdoor", "ambient", "ext", "air", "out")
 INSIDE = ("internal", "inside", "indoor", "box", "board", "case", "housing", "enclosure", "cpu", "pcb", "mcu")
 # humidities that are no relative one
@@ -284,7 +304,7 @@ def is_called_time(name: str) -> bool:
         low in _TIMES
         or re.match(r"([Tt]ime|[Ee]lapsed)[A-Z]", name) is not None
         or re.match(r"(time|date|zeit|datum)(\b|_|stamp)", low) is not None
-        or low.endswith(("time", "_ms"))
+        or low.endswith(("time", "_ms", "时间", "時間", "日時", "時刻"))
     )
 
 

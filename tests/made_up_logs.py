@@ -176,6 +176,13 @@ WAYS = {
     "minutes": text(plain("elapsed [min],temp,rh", time=lambda t: f"{t / 60:.6f}")),
     "since 1970": text(plain("unixtime,temp,rh", time=lambda t: f"{DAY.timestamp() + t:.2f}")),
     "since 1970 in ms": text(plain("timestamp,temp,rh", time=lambda t: f"{1000 * (DAY.timestamp() + t):.0f}")),
+    "since 1970 in ns": text(plain("time,temp,rh", time=lambda t: f"{round(1e3 * (DAY.timestamp() + t))}000000")),
+    "a spreadsheet's days": text(plain("Date,temp,rh", time=lambda t: f"{46143.5 + t / 86400.0:.10f}")),
+    "Windows in Japanese": text(plain("日時,気温(℃),湿度(%)", date("%Y/%m/%d %H:%M:%S.%f"))).encode("cp932"),
+    "Windows in Chinese": text(plain("记录时间,温度,湿度", date("%Y-%m-%d %H:%M:%S.%f"))).encode("gb18030"),
+    "Windows in Russian": text(
+        plain("Дата и время;Температура, °C;Влажность, %", date("%d.%m.%Y %H:%M:%S.%f"), ";", ",")
+    ).encode("cp1251"),
     "ISO": text(plain("timestamp,temp,rh", time=date("%Y-%m-%dT%H:%M:%S.%f"))),
     "ISO with a zone": text(plain("timestamp,temp,rh", time=lambda t: (DAY + timedelta(seconds=float(t))).isoformat())),
     "German": text(plain("Zeit;Temperatur;Feuchte", date("%d.%m.%Y %H:%M:%S.%f"), ";", ",")),

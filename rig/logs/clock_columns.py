@@ -8,9 +8,11 @@ from datetime import UTC, datetime
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shockrig.files.flight import NAMES
 from shockrig.files.unit_names import (
+    DAY_1970,
     EPOCH,
     UNITS,
     bare_name,
@@ -46,6 +48,8 @@ _COUNTERS = {
     "readings", "packet", "packets", "frame", "frames", "count", "counts", "counter", "number", "num", "no", "nr", "n",
     "index", "idx", "id", "seq", "sequence", "sweep", "sweeps",
 }  # fmt: skip
+_DATED = re.compile("date|datum|fecha|дата|日")
+LEAST_STEP_S = 1e-3  # no log of air has a thousand rows a second; a minute is 7e-4 days
 _COUNT = re.compile(f"({'|'.join(sorted(_COUNTERS, key=len, reverse=True))})+")  # packetnr, recno: two words in one
 RISING = "rising"
 _READ = {name for quantity, names in NAMES.items() if quantity != "time" for name in names}
@@ -240,11 +244,22 @@ def counted_clock(name: str, cells: Sequence[str], unit: str | None, named: bool
     doubt = (
         "no unit is named; taken as seconds" if named else "its name is none of times, but it rises; taken as seconds"
     )
-    if np.median(steps[steps > 0]) >= 20 and (values == np.round(values)).all():
-        doubt += (
-            f', of which {np.median(steps[steps > 0]):g} pass between readings: if they are ms, say time_unit = "ms"'
-        )
+    step = float(np.median(steps[steps > 0]))
+    if step >= 20 and (values == np.round(values)).all():
+        doubt += f', of which {step:g} pass between readings: if they are ms, say time_unit = "ms"'
+    if (whose := _days_of(values)) is not None and named:
+        if _DATED.search(called) is not None or step < LEAST_STEP_S:
+            return TimeColumns((name,), NUMBERS, "days", doubt=f"no unit is named; taken as {whose} days")
+        doubt += f'; if they are {whose} days, say time_unit = "days"'
     return TimeColumns((name,), NUMBERS, "s", doubt=doubt, known="stated" if named else RISING)
+
+
+def _days_of(values: NDArray[np.float64]) -> str | None:
+    """Whose days numbers may be that count dates with the time of day behind the point; None where they cannot be."""
+    if (values == np.round(values)).all():
+        return None
+    low, high = (limit * UNITS["time"]["s"][0] / UNITS["time"]["days"][0] for limit in EPOCH["s"])
+    return next((whose for whose, day in DAY_1970.items() if low < np.median(values) - day < high), None)
 
 
 def _share(test: Callable[[str], bool], texts: Sequence[str]) -> float:

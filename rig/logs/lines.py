@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.files.disk import decoded, demand_text_name, read_bytes, shown
+from shockrig.files.unit_names import FOREIGN_WORDS
 from shockrig.rig.bench_errors import BenchError
 
 Index = NDArray[np.uint32]  # no file of more than 2^30 bytes is read
@@ -97,7 +98,7 @@ def read_lines(path: Path) -> Lines:
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         content = content.decode("utf-16", errors="replace").encode(errors="replace")
     elif not content.isascii():
-        content = decoded(content).encode(errors="replace")
+        content = decoded(content, FOREIGN_WORDS).encode(errors="replace")
     if b"\r" in content:
         content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     content = _parted(content)

@@ -1112,3 +1112,11 @@ def test_what_comes_back_later_is_no_part_of_a_step_that_a_map_states(tmp_path):
     look = look_at([log], tmp_path / "log.toml")
     for steps in (*look.steps, steps_of(look.logs[0], look.map)):
         assert len(steps) == 1 and steps[0].step.moves[0].after == pytest.approx(14.0, abs=0.1)
+
+
+def test_days_that_may_be_seconds_are_pointed_out(tmp_path):
+    """Rows every 72 min in a spreadsheet's days are 20 a second as well: seconds, and a word on it."""
+    log = written(tmp_path / "log.csv", text(plain("time,temp,rh", time=lambda t: f"{46143.5 + t / 10.0:.3f}")))
+    look = look_at([log], tmp_path / "log.toml")
+    assert look.logs[0].log.period_s == pytest.approx(0.05)
+    assert any('if they are a spreadsheet\'s days, say time_unit = "days"' in said for said in look.notes)
