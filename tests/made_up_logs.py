@@ -248,6 +248,30 @@ WAYS = {
             *lines_of("", lambda t, a, b, n: f"{date('%H:%M:%S.%f')(t)[:-3]} -> {a:.2f},{b:.2f}"),
         ]
     ),
+    "names before readings, as a board prints them": text(
+        [
+            "DHT22 test!",
+            *lines_of("", lambda t, a, b, n: f"[{date('%H:%M:%S.%f')(t)}] Humidity: {b:.2f} % Temperature: {a:.2f} *C"),
+        ]
+    ),
+    "names before readings, a line for each": text(
+        lines_of(
+            "",
+            lambda t, a, b, n: "\n".join(
+                f"{date('%H:%M:%S.%f')(t)[:-3]} -> {said}"
+                for said in (f"Temperature = {a:.2f} °C", f"Pressure = {1013 + n % 3} hPa", f"Humidity = {b:.2f} %")
+            ),
+        )
+    ),
+    "names before readings, in cells": text(
+        lines_of("Date,T,RH", lambda t, a, b, n: f"{date('%Y-%m-%d %H:%M:%S.%f')(t)},Temp={a:.2f},Hum={b:.2f}")
+    ),
+    "JSON in lines": text(
+        lines_of("", lambda t, a, b, n: f'{{"ms":{1000 * t:.0f},"id":"x","temperature":{a:.2f},"humidity":{b:.2f}}}')
+    ),
+    "JSON in a cell": text(
+        lines_of("", lambda t, a, b, n: f'{halves(t)},"{{""id"":7,""BME_Temp"":{a:.2f},""BME_Humidity"":{b:.2f}}}"')
+    ),
     "unit in every cell": text(lines_of("time,temp,rh", lambda t, a, b, n: f"{t:.2f},{a:.2f} °C,{b:.2f} %")),
     "unit in every cell, stamps beside": text(
         lines_of("Time,Temp,RH", lambda t, a, b, n: f"{date('%H:%M:%S.%f')(t)},{a:.2f}*F,{b:.2f}%")

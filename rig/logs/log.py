@@ -152,6 +152,8 @@ def read_rows(
         _sentence(count, f"line {reason.replace('that repeat ', 'that repeats ')}", f"lines {reason}", where)
         for reason, (count, where) in lines.odd.items()
     ]
+    if lines.behind:
+        remarks.append(f"readings that stand behind their names are read as columns: {', '.join(lines.behind)}")
     if lines.unheld:
         remarks.append(
             f"rows hold {len(lines.names)} cells, too few for the line of names: the first of these are taken for "

@@ -12,7 +12,7 @@ import re
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,7 @@ from shockrig.files.sentinels import NO_VALUE_WORDS
 from shockrig.files.spelling import did_you_mean
 from shockrig.files.unit_names import is_called_time, is_unit, known_unit, unique_names, unit_among, unit_by_letter
 from shockrig.rig.bench_errors import BenchError
+from shockrig.rig.logs.behind_names import unfolded
 from shockrig.rig.logs.lines import Index, Lines, read_lines
 
 SEPARATORS = {"tab": "\t", "semicolon": ";", "comma": ",", "bar": "|", "space": " "}
@@ -62,7 +63,7 @@ class Scan:
 
     `names` are unique: of columns that share a name the later ones are "name #2" and so on; `units` are what stands
     in a row of its own under the names. `rows` are the lines of the data, and `unheld` the names behind those, of which
-    no row holds a cell.
+    no row holds a cell. `behind` are the names where they stand in the lines themselves, before each reading.
     """
 
     path: Path
@@ -75,6 +76,7 @@ class Scan:
     rows: Lines
     odd: dict[str, tuple[int, int]]  # reason -> (how many lines, the first one's number)
     unheld: tuple[str, ...] = ()
+    behind: tuple[str, ...] = ()
 
     def cells(self, rows: Iterable[str]) -> list[list[str]]:
         """Lines of the data as stripped cells."""
@@ -111,6 +113,10 @@ def scan(path: Path, layout: Layout) -> Scan:
 
 def _scan(path: Path, layout: Layout) -> Scan:
     lines = read_lines(path)
+    stated = layout.separator is not None or layout.header_line is not None
+    behind = None if stated else unfolded(lines)
+    if behind is not None:
+        lines, layout = behind.lines, replace(layout, separator="comma")
     prefixes = (layout.comment,) if layout.comment else COMMENTS
     is_kept = np.fromiter((bool(line) and not line.isspace() for line in lines), dtype=bool, count=len(lines))
     kept = lines.where(is_kept)
@@ -130,8 +136,11 @@ def _scan(path: Path, layout: Layout) -> Scan:
     first = _first_row(plain, np.flatnonzero(counts == width), separator, layout)
     if first is None:
         raise BenchError(f"{shown(path)}: no rows of numbers in it; expected a time and values, one row a reading")
-    names, units, header_line = _header(lines, kept, plain, first, separator, width, layout)
-    header = _split(lines[header_line - 1], separator) if header_line else None
+    if behind is not None:
+        names, units, header_line, header = behind.names, ("",) * width, plain.number(first), None
+    else:
+        names, units, header_line = _header(lines, kept, plain, first, separator, width, layout)
+        header = _split(lines[header_line - 1], separator) if header_line else None
     fuller = _fuller_rows(plain, counts, first, separator, width, header, header_line)
     first = min([first, *fuller])
     good = np.ones(len(plain), dtype=bool)
@@ -155,7 +164,8 @@ def _scan(path: Path, layout: Layout) -> Scan:
     decimal = layout.decimal or _decimal(_some(rows), separator)
     named = [cell.strip() for cell in header or ()]
     unheld = tuple(filter(None, named[width:])) if sum(map(bool, named)) > width else ()
-    return Scan(path, separator, decimal, header_line, names, units, metadata, rows, odd, unheld)
+    said = () if behind is None else behind.said
+    return Scan(path, separator, decimal, header_line, names, units, metadata, rows, odd, unheld, said)
 
 
 def _of_one(
