@@ -85,8 +85,8 @@ def _factor_rows(channel: Channel) -> dict[str, Array]:
     rows = {
         "nothing: the same in every run": np.ones(channel.runs),
         "the step": step,
-        "the step and the ambient": step * ambient,
-        "the step and the airflow": step * airflow,
+        "the step times the ambient": step * ambient,
+        "the step times the airflow": step * airflow,
         "the size of the step": np.abs(step),
     }
     if channel.jumps_with_air:

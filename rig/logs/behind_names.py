@@ -17,11 +17,12 @@ from shockrig.rig.logs.lines import Index, Lines
 _DAY = r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}"
 _HOUR = r"\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d+)?)?(?:\s?[AaPp][Mm]\b)?(?:Z|[+-]\d{2}:?\d{2})?"
 STAMP = re.compile(rf"(?<![\d.:/-]){_DAY}(?:(?:T|,?\s+){_HOUR})?(?![\d:])|(?<![\d:]){_HOUR}(?![\d:])")
-# a name of a few words, a number and a unit in brackets behind it; what it is told apart by; a time or a number; a unit
+_NAME = r"[A-Za-z]\w{0,24}(?: [A-Za-z]\w{0,24}){0,2}(?: \d{1,2})?(?:\s?[\[(][^\])]{1,9}[\])])?"  # and its unit
+# a name, what it is told apart by, a time or a number, and a unit
 NAMED = re.compile(
-    r"(?<![\w.°*])([A-Za-z]\w{0,24}(?: [A-Za-z]\w{0,24}){0,2}(?: \d{1,2})?(?:\s?[\[(][^\])]{1,9}[\])])?)"
-    r"[\"']{0,2}\s{0,3}[=:]\s{0,3}[\"']{0,2}"
-    rf"(?:({STAMP.pattern})|([-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)(?![\w.:]*[:.]|,\d+(?![\d\s]*[\w\"']*\s?[=:]))"
+    rf"(?<![\w.°*])(?:(?:and|und|y|et) )?({_NAME})"
+    r"[\"']{0,2}\s{0,3}[=:]\s{0,3}\[?[\"']{0,2}"
+    rf"(?:({STAMP.pattern})|([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)(?!\d|[.:,]\d)"
     r"\s?((?:[°º*]\s?)?[A-Za-z]{1,10}\b(?!\s?[=:])|%)?)"
 )
 SAMPLE_LINES = 200  # at the beginning, in the middle and at the end
@@ -85,7 +86,7 @@ def _held(line: str) -> _Held:
     again: Counter[str] = Counter()
     for name, stamp, number, unit in (match.groups() for match in NAMED.finditer(line)):
         again[name] += 1
-        values[name if again[name] == 1 else f"{name} #{again[name]}"] = stamp or number, unit or ""
+        values[name if again[name] == 1 else f"{name} #{again[name]}"] = stamp or number.replace(",", "."), unit or ""
     return _Held(values, NAMED.sub(" ", line))
 
 

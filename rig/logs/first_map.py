@@ -16,7 +16,7 @@ from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.logs.apart import SeveralError
 from shockrig.rig.logs.clock_columns import RISING, counters, guess_clock, not_read, two_ways
 from shockrig.rig.logs.found import LogStep, steps_of
-from shockrig.rig.logs.guess import NOTHING, ZEROS, Guess, guess_log, likely_reference
+from shockrig.rig.logs.guess import MAY_BE_F, NOTHING, ZEROS, Guess, guess_log, likely_reference
 from shockrig.rig.logs.log import ImpossibleError
 from shockrig.rig.logs.map_file import parse_map
 from shockrig.rig.logs.mapping import FORMAT, LogMap
@@ -117,7 +117,7 @@ def _look(
     left_out = [unused(one, those, map_) for one, those in zip(logs, steps, strict=True)]
     times = t63_of([one for those, out in zip(steps, left_out, strict=True) for one in those if one.number not in out])
     text = head + _sensors(guess, times, likely_reference(guess.sensors)) + _steps_text(logs, steps, left_out)
-    notes = _not_used(guess)
+    notes = (*_units_in_doubt(guess), *_not_used(guess))
     if guess.clock is not None and guess.clock.doubt:
         notes = (f"time: {guess.clock.doubt}", *notes)
     whose = () if several is None else several.values
@@ -264,6 +264,16 @@ def _sensors(guess: Guess, times: dict[str, dict[str, float]], by_name: str | No
     lines += ["\n"] if guess.unused else []
     lines += [f"# {said}\n" for said in _not_used(guess)]
     return "".join(lines)
+
+
+def _units_in_doubt(guess: Guess) -> tuple[str, ...]:
+    """A sentence for each column of temperatures that may be in another unit than it is taken for."""
+    columns = [column for sensor in guess.sensors for column in sensor.columns.items()]
+    return tuple(
+        f"{name}: no unit is named; taken as {unit}; if it is fahrenheit, say {key}_unit = \"degF\""
+        for key, (name, unit, how) in columns
+        if how.endswith(MAY_BE_F)
+    )
 
 
 def _not_used(guess: Guess) -> tuple[str, ...]:

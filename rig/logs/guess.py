@@ -30,6 +30,7 @@ AIRS_OWN = ("pressure", "airflow")  # of which a log has others beside that at t
 STAMPS_APART = 0.05  # of the time from row to row: stamps that are less off the clock are the clock's
 IMPOSSIBLE = "hardly any of it can be what its name says (a raw count? if not, state it and its unit in the map)"
 NOTHING, ZEROS = "holds nothing", "holds nothing but zeros (not connected?)"
+MAY_BE_F = "if it is fahrenheit, say degF"
 VALUES = ("state", "value", "val", "reading", "measurement")  # of whatever the row says
 REFERENCE_WORDS = ("ctrl", "control", "ref", "standard", "chilled", "mirror")
 
@@ -215,7 +216,7 @@ def guess_unit(quantity: str, named: str | None, values: Array) -> tuple[str, st
         # No air is so warm in degC; an oven is, and was colder before.
         if 200.0 < middle < 400.0 and np.quantile(values, 0.05) > 150.0:
             return "K", f"not named in the log: half of the readings are above {middle:.4g}"
-        return "degC", taken + ("; if it is fahrenheit, say degF" if middle > 55.0 else "")
+        return "degC", taken + (f"; {MAY_BE_F}" if middle > 55.0 else "")
     if quantity == "humidity":
         if 0.0 <= values.min() and values.max() <= 1.2:
             return "fraction", f"not named in the log: no reading is above {values.max():.3g}"

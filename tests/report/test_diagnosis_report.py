@@ -208,7 +208,7 @@ def test_what_parts_the_course_does_not_gainsay_the_tests_of_every_reading():
         "No condition parts this course. It is not seen to vary with direction."
     )
     left = SimpleNamespace(varies_with=("airflow",), does_not_vary_with=("ambient",))
-    assert parted_by(left, ["the step and the ambient"]) == "It varies with airflow."
+    assert parted_by(left, ["the step times the ambient"]) == "It varies with airflow."
 
 
 def test_rivals_in_words():
