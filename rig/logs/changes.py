@@ -78,13 +78,18 @@ def code_of(value: Array, equal: float = 0.5) -> float:
     return float(np.quantile(steps[differ], 0.05))
 
 
+def spike_size(noise: float, least: float) -> float:
+    """How far off its neighbours a reading is no noise; `least` is the smallest step that counts."""
+    return max(8.0 * noise, 0.5 * least)
+
+
 def without_spikes(time_s: Array, value: Array, noise: float, least: float) -> tuple[Array, Array]:
     """Times and readings without single or double readings far off their neighbours: absurd ones are no steps."""
     if value.size < 5:
         return time_s, value
     off = np.asarray(median_filter(value, 5, mode="mirror"))
     np.subtract(value, off, out=off)
-    calm = np.abs(off, out=off) <= max(8.0 * noise, 0.5 * least)
+    calm = np.abs(off, out=off) <= spike_size(noise, least)
     return (time_s, value) if calm.all() else (time_s[calm], value[calm])
 
 

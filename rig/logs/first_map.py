@@ -270,7 +270,7 @@ def _units_in_doubt(guess: Guess) -> tuple[str, ...]:
     """A sentence for each column of temperatures that may be in another unit than it is taken for."""
     columns = [column for sensor in guess.sensors for column in sensor.columns.items()]
     return tuple(
-        f"{name}: no unit is named; taken as {unit}; if it is fahrenheit, say {key}_unit = \"degF\""
+        f'{name}: no unit is named; taken as {unit}; if it is fahrenheit, say {key}_unit = "degF"'
         for key, (name, unit, how) in columns
         if how.endswith(MAY_BE_F)
     )

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from shockrig.files.campaign_write import run_document, table_text
 from shockrig.files.json_files import known
-from shockrig.files.numbers import short
+from shockrig.files.numbers import one_or_many, short
 from shockrig.rig.logs.found import LogStep
+from shockrig.rig.logs.leaps import leaps
 from shockrig.rig.logs.mapping import LogMap, SensorMap
-from shockrig.rig.logs.sensor_logs import SensorLog
+from shockrig.rig.logs.sensor_logs import SensorLog, least_step
 from shockrig.rig.logs.stamps import to_map
 from shockrig.rig.logs.steps import READINGS_AFTER, READINGS_BEFORE
 from shockrig.rig.logs.windows import drifts, inside_run, on_the_way, settled_since, window
@@ -59,7 +60,9 @@ def runs_of(
     """Runs of the sensor `name` from one log, in order of time, and the steps that made none."""
     reasons, windows = _decided(sensors, steps, map_, name)
     log, sensor = sensors.log.path.name, map_.sensors[name]
-    runs = [_run(sensors, one, map_, sensor, *windows[one.number]) for one in steps if one.number in windows]
+    used = [one for one in steps if one.number in windows]
+    least_s = _least_t63(used, name)
+    runs = [_run(sensors, one, map_, sensor, *windows[one.number], least_s) for one in used]
     return runs, [StepLeftOut(log, one, reasons[one.number]) for one in steps if one.number not in windows]
 
 
@@ -155,14 +158,31 @@ def _why_not(one: LogStep, name: str, is_measured: bool) -> str:
     return "" if is_measured and one.step.is_slow_air else one.step.why_not
 
 
+def _least_t63(steps: Sequence[LogStep], name: str) -> dict[str, float]:
+    """Quantity -> the least time to 63 % that a sensor shows in any of its steps."""
+    least: dict[str, float] = {}
+    for move in (move for one in steps for move in one.step.moves):
+        of, key = move.channel.rsplit(".", 1)
+        if of == name:
+            least[key] = min(move.t63_s, least.get(key, np.inf))
+    return least
+
+
 def _run(
-    sensors: SensorLog, one: LogStep, map_: LogMap, sensor: SensorMap, begin_s: float, end_s: float
+    sensors: SensorLog,
+    one: LogStep,
+    map_: LogMap,
+    sensor: SensorMap,
+    begin_s: float,
+    end_s: float,
+    least_s: Mapping[str, float],
 ) -> ImportedRun:
     log, readings = sensors.log, sensors.readings[sensor.name]
     inside = inside_run(sensors, sensor.name, one.step.piece, begin_s, end_s)
     moments = log.time_s[readings.rows[inside]]
     zero_s = float(moments[0])
     values = {key: value[inside] for key, value in readings.values.items()}
+    values, leapt = _without_leaps(values, moments, sensor, least_s)
     columns = _columns(values, moments - zero_s)
     air = air_columns(sensors, sensor, one.step.piece, begin_s, end_s)
     if air:
@@ -204,9 +224,27 @@ def _run(
         document["reference"] = stated
     tables = {file: _table(table) for file, table in columns.items()}
     counts = {file: int(table["time_s"].size) for file, table in columns.items()}
-    return ImportedRun(
-        log.path.name, one, begin_s, end_s, document, tables, counts, _remarks(sensors, one, sensor.name, begin_s)
-    )
+    remarks = (*leapt, *_remarks(sensors, one, sensor.name, begin_s))
+    return ImportedRun(log.path.name, one, begin_s, end_s, document, tables, counts, remarks)
+
+
+def _without_leaps(
+    values: Mapping[str, Array], time_s: Array, sensor: SensorMap, least_s: Mapping[str, float]
+) -> tuple[dict[str, Array], list[str]]:
+    """A run's readings without those that the sensor cannot have made, and a sentence for each quantity on these; a
+    column that is the temperature's too loses the same."""
+    kept, said = dict(values), []
+    for key, t63_s in least_s.items():
+        value = values[key]
+        leapt = leaps(time_s, value, max(t63_s, 1e-9), least_step(key, value[np.isfinite(value)]))
+        if leapt.any():
+            same = [other for other in values if sensor.columns[other][0] == sensor.columns[key][0]]
+            kept |= {other: np.where(leapt, np.nan, values[other]) for other in same}
+            said.append(
+                f"{one_or_many(int(leapt.sum()), f'reading of {key}', f'readings of {key}')} left out: away and back "
+                f"from one to the next, as nothing can that takes {short(t63_s, 3)} s to 63 %"
+            )
+    return kept, said
 
 
 def _columns(values: Mapping[str, Array], time_s: Array) -> dict[str, dict[str, Array]]:
