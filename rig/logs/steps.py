@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 FEW_READINGS = 8  # between two changes cannot be a run
 STAGE_READINGS = 50  # between two stages of one step at most ...
 STAGE_QUIET = 20.0  # ... and so many times the longest of these pauses is quiet before and after
+RESTED_SHARE = 0.1  # of the way: readings within that have settled, to what two times to 63 % and a half leave
 UNDER_WAY = 0.25  # of a step's size may have passed in one t63 before it: weather and waves are as fast as that always
 AT_ONCE, AT_ONCE_READINGS = 0.25, 25  # of a t63, and readings, within which a turn is seen
 RETURNED_SHARE = 0.25  # of the readings after it may lie nearer to the level before: a wave comes back
@@ -175,11 +176,32 @@ def _merged(channels: Sequence[LogPiece], clusters: Sequence[Cluster], merge_s: 
                 first = last + 1
     groups = [[clusters[0]]]
     for together, cluster in zip(joined, clusters[1:], strict=True):
-        if together:
+        if together and (merge_s is not None or not _went_back(channels, groups[-1][-1], cluster)):
             groups[-1].append(cluster)
         else:
             groups.append([cluster])
     return groups
+
+
+def _went_back(channels: Sequence[LogPiece], one: Cluster, other: Cluster) -> bool:
+    """Whether a channel had come to rest after a change for as long as a run takes, and then went back: a step each,
+    and no stages of one."""
+    for place in one.changes.keys() & other.changes.keys():
+        channel, first, last = channels[place], one.changes[place][-1], other.changes[place][0]
+        time_s, value = channel.time_s, channel.value
+        between = value[(time_s > first.time_s) & (time_s < last.time_s - 0.5 * channel.period_s)]
+        if between.size < READINGS_BEFORE + READINGS_AFTER:
+            continue
+        rest = between[between.size // 2 :]
+        before = value[time_s < first.time_s - first.width_s][-READINGS_BEFORE:]
+        after = value[time_s > last.time_s + last.width_s][:READINGS_BEFORE]
+        if not before.size or not after.size:
+            continue
+        level = float(np.median(rest))
+        went, back = level - float(np.median(before)), float(np.median(after)) - level
+        if np.ptp(rest) < RESTED_SHARE * abs(went) and went * back < 0 and abs(back) > 0.5 * abs(went):
+            return True
+    return False
 
 
 def _with_turns(channels: Sequence[LogPiece], groups: Sequence[list[Cluster]]) -> list[list[Cluster]]:

@@ -530,3 +530,16 @@ def test_stages_are_counted_where_a_reading_on_the_way_is_taken_for_absurd(seed)
     assert channel.value.size < value.size
     (step,) = find_steps([channel], 0)
     assert step.stages == 3 and "came in 3 stages" in step.why_not
+
+
+@pytest.mark.parametrize("rest", [30, 6])
+def test_there_and_back_are_two_steps_where_it_rested_between(rest):
+    """A thermometer in a cup of tea for half an hour, between long quiet, was one step in two stages that led nowhere,
+    and both were lost. One that had not come to rest there is none."""
+    time_s = 60.0 * np.arange(600.0)
+    there_s, back_s = 18010.0, 18010.0 + 60.0 * rest
+    value = 20.0 + 8.0 * (lag(time_s - there_s, 240.0) - lag(time_s - back_s, 240.0))
+    value += np.random.default_rng(1).normal(0.0, 0.02, value.size)
+    found = find_steps([channel_of(time_s, value, "temperature")], 0)
+    assert [round(step.moves[0].after) for step in found] == ([28, 20] if rest == 30 else [])
+    assert not any(step.why_not for step in found)
