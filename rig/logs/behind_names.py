@@ -25,6 +25,7 @@ NAMED = re.compile(
     rf"(?:({STAMP.pattern})|([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)(?!\d|[.:,]\d)"
     r"\s?((?:[°º*]\s?)?[A-Za-z]{1,10}\b(?!\s?[=:])|%)?)"
 )
+LONGEST = 4000  # characters of a line: no board prints more, and a whole file of JSON may stand in one
 SAMPLE_LINES = 200  # at the beginning, in the middle and at the end
 MOST = 0.5  # of the lines, that hold a name
 AS_OFTEN = 0.9  # as the commonest, where each name has a line of its own
@@ -83,6 +84,8 @@ def unfolded(lines: Lines) -> Unfolded | None:
 
 def _held(line: str) -> _Held:
     values: dict[str, tuple[str, str]] = {}
+    if len(line) > LONGEST:
+        return _Held(values, "")
     again: Counter[str] = Counter()
     for name, stamp, number, unit in (match.groups() for match in NAMED.finditer(line)):
         again[name] += 1

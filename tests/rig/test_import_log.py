@@ -2,6 +2,7 @@
 
 import json
 import re
+import time
 import tracemalloc
 from datetime import UTC, datetime, timedelta
 
@@ -1120,3 +1121,11 @@ def test_days_that_may_be_seconds_are_pointed_out(tmp_path):
     look = look_at([log], tmp_path / "log.toml")
     assert look.logs[0].log.period_s == pytest.approx(0.05)
     assert any('if they are a spreadsheet\'s days, say time_unit = "days"' in said for said in look.notes)
+
+
+def test_a_file_of_one_line_is_told_at_once(tmp_path, capsys):
+    """Names were sought in all 20 MB of a JSON file: that took minutes."""
+    content = json.dumps([{"time": k, "temperature": 20.0, "note": "all in one line"} for k in range(60_000)])
+    began = time.monotonic()
+    assert run(written(tmp_path / "log.json", content), "--look", "--out", tmp_path) == 2
+    assert time.monotonic() - began < 5.0 and "Export it as CSV" in capsys.readouterr().err
