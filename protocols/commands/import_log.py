@@ -45,7 +45,9 @@ def look(args: argparse.Namespace) -> int:
                 f"{shown(map_path)}: is there already and may hold your corrections; look with --map, move it away, or "
                 "give another --out"
             )
-        seen = look_at(args.logs, map_path, say)
+        seen = look_at(args.logs, map_path, say, args.sensor)
+        if args.sensor is not None and seen.whose and seen.whose[0] != args.sensor:
+            raise InputError(f"--sensor {args.sensor}: no row is of it; rows are of {', '.join(seen.whose)}")
         map_, text, logs, steps, notes = seen.map, seen.text, list(seen.logs), list(seen.steps), seen.notes
     say("picture")
     left_out = [unused(one, those, map_) for one, those in zip(logs, steps, strict=True)]

@@ -851,6 +851,9 @@ def test_a_state_is_what_the_row_says_that_it_is_of(tmp_path, capsys):
     assert len(read_campaign(tmp_path / "c").runs) == 3
     humid = look_at([log], tmp_path / "other.toml", sensor="sensor.attic_humidity")
     assert '\nhumidity = "state"' in humid.text and len(humid.steps[0]) == 3
+    assert run(log, "--look", "--sensor", "sensor.attic_humidity", "--out", tmp_path / "other") == 0
+    assert '\nhumidity = "state"' in (tmp_path / "other" / "log.toml").read_text()
+    assert run(log, "--look", "--sensor", "sensor.attic", "--out", tmp_path / "third") == 2
 
 
 def test_a_value_is_what_a_name_in_its_row_says(tmp_path):
