@@ -18,6 +18,7 @@ from shockrig.rig.logs.changes import ChangePoint, LogPiece
 Array = NDArray[np.float64]
 
 LINE_READINGS = 10  # that tell how a channel was under way before a change
+LEVEL_WIDTHS = 3.5  # of the window that shows a change, before it: the level there; as many blocks as show the change
 FITTED_POINTS = 120  # of readings, or means of them, that a fit takes
 FEWEST_INDEPENDENT = 8.0  # independent ones that they count for at least
 STARTS, LAGS = 41, 13
@@ -73,7 +74,9 @@ def fit_onset(channel: LogPiece, change: ChangePoint, since_s: float, until_s: f
     stretch = (time_s >= max(rested_s, change.time_s - 8.0 * change.width_s)) & (time_s <= max(early, rested_s))
     if stretch.sum() < 3:
         stretch = (time_s >= since_s) & (time_s < change.time_s - 0.5 * period)
-    before = float(np.median(value[stretch])) if stretch.any() else float(value[0])
+    last = stretch & (time_s >= change.time_s - LEVEL_WIDTHS * change.width_s)  # of what drifted: where it began
+    rest = value[last if last.sum() >= 3 else stretch]
+    before = float(np.median(rest)) if rest.size else float(value[0])
     following = (time_s > change.time_s) & (time_s <= until_s)
     later_s, later = time_s[following], value[following]
     after = _settled(later_s - change.time_s, later, before)

@@ -543,3 +543,13 @@ def test_there_and_back_are_two_steps_where_it_rested_between(rest):
     found = find_steps([channel_of(time_s, value, "temperature")], 0)
     assert [round(step.moves[0].after) for step in found] == ([28, 20] if rest == 30 else [])
     assert not any(step.why_not for step in found)
+
+
+def test_the_level_before_a_step_is_the_one_that_it_began_from():
+    """An hour's drift before a slow change had been half of what it was taken for: 2.0 K in place of 1.2 K."""
+    time_s = np.arange(0.0, 8000.0, 12.0)
+    value = 24.8 - np.interp(time_s, [0.0, 4500.0], [0.0, 1.0]) - 1.2 * lag(time_s - 5000.0, 200.0)
+    value += np.random.default_rng(2).normal(0.0, 0.06, value.size)
+    change = ChangePoint(5000.0, 480.0)
+    move = fit_onset(channel_of(time_s, np.round(value / 0.0625) * 0.0625, "temperature"), change, 0.0, 8000.0)
+    assert move.before == pytest.approx(23.8, abs=0.15) and move.after == pytest.approx(22.6, abs=0.1)
