@@ -9,6 +9,7 @@ from shockrig.rig.logs.changes import noise_of, spike_size, without_spikes
 
 Array = NDArray[np.float64]
 
+LEAST_LEFT = 0.5  # one reading later: where less is, an air that went as far to the other side takes it back
 MISSING_SHARE = 0.5  # of what must be left of an excursion one reading later is not there
 
 
@@ -36,10 +37,12 @@ def leaps(time_s: Array, value: Array, t63_s: float, least: float) -> NDArray[np
         before, after = (_beside(values, odd, int(k), way) for way in (-1, 1))
         if not 0 <= before <= after < values.size:
             continue
-        excursion = values[k] - values[before]
-        must = abs(excursion) * np.exp((moments[k] - moments[after]) / t63_s)
-        is_left = abs(values[after] - values[before])
-        found[there[k]] = must > spike_size(noise, least) and is_left < (1.0 - MISSING_SHARE) * must
+        last = after - 1  # of two that leapt together both go, or none
+        share = np.exp((moments[last] - moments[after]) / t63_s)
+        must, is_left = share * abs(values[last] - values[before]), abs(values[after] - values[before])
+        found[there[k]] = (
+            share > LEAST_LEFT and must > spike_size(noise, least) and is_left < (1.0 - MISSING_SHARE) * must
+        )
     return found
 
 

@@ -35,3 +35,6 @@ def test_what_a_sensor_can_do_is_left():
     decays = 10.0 * np.exp(-np.maximum(after_s, 0.0) / 60.0) * (after_s >= 0.0)
     for value in (calm + 10.0 * (after_s >= 0.0), calm + decays):
         assert not leaps(TIME_S, value, 60.0, 0.5).any()
+    # what turns back towards an air beyond where it came from comes back the faster: DS18B20 of 18 s, every 16 s
+    turned = [31.11, 25.16, 26.48, 30.33, 33.0, 34.71, 35.99, 37.25, 37.31, 36.24, 35.7, 35.01, 34.6, *(50 * [33.25])]
+    assert not leaps(16.0 * np.arange(63.0), np.array(turned), 17.8, 0.5).any()
