@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from shockrig.analysis.estimate.fit import Fit, fit, run_misfit
 from shockrig.analysis.estimate.problem import Problem
+from shockrig.analysis.estimate.quantity import RunEffect
 
 NOISE_ALONE = 1.5  # mean square of whitened residuals up to which nothing else is left: noise is known to a tenth
 
@@ -20,7 +21,9 @@ def where_airs_drift(problem: Problem, steady: Fit) -> tuple[Problem, Fit]:
         return problem, steady
     moving = problem.with_drifting_airs()
     found = fit(moving, steady.structure, steady.theta, steady.deviations)
-    return (moving, found) if _leaves(moving, found) <= NOISE_ALONE else (problem, steady)
+    if _leaves(moving, found) > NOISE_ALONE:
+        return problem, steady
+    return moving.with_scatter_of(RunEffect.DRIFT, found.drift_scatter), found
 
 
 def _leaves(problem: Problem, found: Fit) -> float:

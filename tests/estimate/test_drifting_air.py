@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from shockrig.analysis.characterize.characterize import characterize
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.estimate.channel import Channel
@@ -21,7 +22,14 @@ TAU_S, LASTS_S, NOISE_K = 100.0, 1200.0, 0.02
 UNKNOWN = RunAir(None, None)
 
 
-def channel_of(drifts_k, slow=(0.0, 1.0), tau_s=TAU_S, lasts_s=LASTS_S, seed=1, period_s=5.0) -> Channel:
+def channel_of(*given, **more) -> Channel:
+    """The channel of `logs`."""
+    found = build_channel(logs(*given, **more), "temperature")
+    assert found is not None
+    return found
+
+
+def logs(drifts_k, slow=(0.0, 1.0), tau_s=TAU_S, lasts_s=LASTS_S, seed=1, period_s=5.0) -> Campaign:
     """Logs of a lag between 40 and 10 degC, to and fro, in air that moves by `drifts_k` from the transfer to the end;
     `slow` is the share and the time constant of another part beside it."""
     rng, runs = np.random.default_rng(seed), []
@@ -37,10 +45,7 @@ def channel_of(drifts_k, slow=(0.0, 1.0), tau_s=TAU_S, lasts_s=LASTS_S, seed=1, 
         value = source + (1.0 - slow[0]) * part(tau_s) + slow[0] * part(slow[1])
         trace = Trace(time, {"temperature_c": value + NOISE_K * rng.standard_normal(time.size)})
         runs.append(Run(str(k), UNKNOWN, UNKNOWN, None, 1000.0, None, None, trace, None))
-    bodies = {"imet": "lumped", "hyt": "film"}
-    found = build_channel(Campaign("drifting", None, {}, 4e-4, 1e-5, tuple(runs), bodies=bodies), "temperature")
-    assert found is not None
-    return found
+    return Campaign("drifting", None, {}, 4e-4, 1e-5, tuple(runs), bodies={"imet": "lumped", "hyt": "film"})
 
 
 def fitted(channel):
@@ -140,3 +145,11 @@ def test_a_response_that_begins_amid_a_bin_is_no_lag_before_it(seed):
     channel = found.problem.channel
     begun = np.abs(channel.time_s - found.final.deviations[:, [RunEffect.START]])
     assert (channel.count[begun < 2.0] <= 1).all()
+
+
+def test_characterize_and_diagnose_state_one_time_constant_of_a_sensor_in_air_that_drifts():
+    campaign = logs([1.5, -2.0, 0.6, 2.4, -1.0])
+    found, diagnosed = characterize(campaign).temperature, diagnose_channel(build_channel(campaign, "temperature"))
+    assert found is not None and found.explained
+    assert np.exp(-found.parts[0].fit.log_rates[0]) == pytest.approx(TAU_S, rel=0.003)
+    assert found.parts[0].fit.drift_scatter == pytest.approx(diagnosed.final.drift_scatter, rel=0.3)
