@@ -349,7 +349,7 @@ def _descend(
     objective, arrow = at.objective(problem, model), at.arrow(problem, model)
     damping, converged, wary = 1e-3, False, False
     airs_open = not problem.channel.conditions.airs_known.all()
-    changed: Mapping[RunEffect, Changed] = {}
+    changed: Mapping[RunEffect, ScatterChange] = {}
     for _ in range(iterations):
         pull = prior_weight * (prior_mean - at.point.theta)
         first, last = _starts_on_their_side(problem, at.point)
@@ -442,7 +442,7 @@ def _longest_run_steps(problem: Problem) -> Array:
 
 
 @dataclass(frozen=True)
-class Changed:
+class ScatterChange:
     """By how much a fit last took over another scatter, in its logarithm, and whether it ever turned back."""
 
     by: float = 0.0
@@ -450,8 +450,8 @@ class Changed:
 
 
 def _adapted(
-    problem: Problem, model: Model, arrow: Arrow, at: Point, changed: Mapping[RunEffect, Changed]
-) -> tuple[Problem, Mapping[RunEffect, Changed]]:
+    problem: Problem, model: Model, arrow: Arrow, at: Point, changed: Mapping[RunEffect, ScatterChange]
+) -> tuple[Problem, Mapping[RunEffect, ScatterChange]]:
     """The problem with the scatters that the runs make most likely, and how each was changed; itself where those are
     about what it has.
 
@@ -469,7 +469,7 @@ def _adapted(
         own = _own(arrow, at.deviations, RunEffect.DRIFT)
         told[RunEffect.DRIFT] = likeliest_drift(own[0][moving], own[1][moving])
     for which, scatter in told.items():
-        now, last = problem.scatter_of(which), changed.get(which, Changed())
+        now, last = problem.scatter_of(which), changed.get(which, ScatterChange())
         change = float(np.log(scatter / now))
         back = change * last.by < 0.0
         if back or last.turned:
@@ -477,7 +477,7 @@ def _adapted(
             change = float(np.clip(change, -furthest, furthest))
         if abs(change) >= ADAPTED_FROM:
             problem = problem.with_scatter_of(which, now * float(np.exp(change)))
-            changed = {**changed, which: Changed(change, back or last.turned)}
+            changed = {**changed, which: ScatterChange(change, back or last.turned)}
     return problem, changed
 
 
