@@ -14,10 +14,10 @@ def where_airs_drift(problem: Problem, steady: Fit) -> tuple[Problem, Fit]:
     in steady air does not; else both as they are.
 
     What a model is wrong by looks like a drift as well, and is as large as that likes. Beside a drift by which nothing
-    is left it need not be asked for.
+    is left it need not be asked for. A single run does not tell a drift from a slow part of the sensor.
     """
     channel = problem.channel
-    if channel.conditions.airs_known.all() or _leaves(problem, steady) <= NOISE_ALONE:
+    if channel.runs == 1 or channel.conditions.airs_known.all() or _leaves(problem, steady) <= NOISE_ALONE:
         return problem, steady
     moving = problem.with_drifting_airs()
     found = fit(moving, steady.structure, steady.theta, steady.deviations)

@@ -243,7 +243,7 @@ def objective_at(problem: Problem, model: Model, point: Point) -> float:
     return _penalised(problem, model, point, residual, int(mute.sum()))
 
 
-AIRS = [RunEffect.SOURCE, RunEffect.DESTINATION, RunEffect.DRIFT]
+AIRS = [RunEffect.SOURCE, RunEffect.DESTINATION]
 
 
 def with_airs(problem: Problem, model: Model, point: Point) -> tuple[Array, Array]:
@@ -254,9 +254,10 @@ def with_airs(problem: Problem, model: Model, point: Point) -> tuple[Array, Arra
     projection; Golub and Pereyra 1973, doi 10.1137/0710036).
     """
     channel, base = problem.channel, point.deviations
-    steps, count = np.array(channel.quantity.run_steps)[AIRS], len(base)
-    moved = np.stack([base] * (1 + len(AIRS)))
-    for k, air in enumerate(AIRS):
+    airs = [*AIRS, RunEffect.DRIFT] if channel.may_drift.any() else AIRS
+    steps, count = np.array(channel.quantity.run_steps)[airs], len(base)
+    moved = np.stack([base] * (1 + len(airs)))
+    for k, air in enumerate(airs):
         moved[1 + k, ..., air] += steps[k]
     theta = np.tile(np.broadcast_to(point.theta, (count, point.theta.shape[-1])), (len(moved), 1))
     chain = model.chain(Point(theta, moved.reshape(-1, *base.shape[1:])))
@@ -264,15 +265,15 @@ def with_airs(problem: Problem, model: Model, point: Point) -> tuple[Array, Arra
     mute = np.stack([at_jump(chain, candidate) for candidate in range(count)])
     left = np.where(mute, 0.0, channel.value - f.reshape(len(moved), *mute.shape)).reshape(f.shape)
     whitened = problem.whiten(np.moveaxis(left, 0, -1)).reshape(*f.shape[1:], len(moved), count)
-    whitened = np.moveaxis(whitened, -1, 1)  # (R, B, n, 3)
+    whitened = np.moveaxis(whitened, -1, 1)  # (R, B, n, 1 + airs)
     residual, response = whitened[..., 0], (whitened[..., :1] - whitened[..., 1:]) / steps
-    turned, weight = np.swapaxes(response, -1, -2), 1.0 / problem.scatter[:, None, AIRS] ** 2
-    right = (turned @ residual[..., None])[..., 0] - weight * np.swapaxes(base[..., AIRS], 0, 1)
-    step = np.linalg.solve(turned @ response + weight[..., None] * np.eye(len(AIRS)), right[..., None])
+    turned, weight = np.swapaxes(response, -1, -2), 1.0 / problem.scatter[:, None, airs] ** 2
+    right = (turned @ residual[..., None])[..., 0] - weight * np.swapaxes(base[..., airs], 0, 1)
+    step = np.linalg.solve(turned @ response + weight[..., None] * np.eye(len(airs)), right[..., None])
     step[channel.conditions.airs_known] = 0.0
     residual = residual - (response @ step)[..., 0]
     deviations = base.copy()
-    deviations[..., AIRS] += np.swapaxes(step[..., 0], 0, 1)
+    deviations[..., airs] += np.swapaxes(step[..., 0], 0, 1)
     penalty = ((deviations / problem.scatter) ** 2).sum(axis=-1)
     return deviations, (residual**2).sum(axis=-1).T + mute.sum(axis=-1) + penalty
 

@@ -29,15 +29,17 @@ def test_an_effect_without_numbers_tells_what_it_is():
 
 
 def test_an_effect_that_tells_nothing_is_not_stated_and_may_still_predict(tmp_path, monkeypatch):
-    """Two runs in an air that goes on warming up, which a share that follows slowly describes."""
+    """Two runs of a sensor with a share that follows slowly."""
     random, time_s = np.random.default_rng(1), np.arange(-60.0, 600.0, 1.0)
     late_s = np.maximum(time_s, 0.0)
     runs = [
         (
             time_s + 60.0,
-            20.0 + k * (1.0 - np.exp(-late_s / lag_s)) + 1e-3 * late_s + random.normal(0.0, 0.02, time_s.size),
+            20.0
+            - k * (0.8 * np.expm1(-late_s / 40.0) + 0.2 * np.expm1(-late_s / 200.0))
+            + random.normal(0.0, 0.02, time_s.size),
         )
-        for k, lag_s in ((3.0, 60.0), (2.0, 30.0))
+        for k in (3.0, -2.0)
     ]
     channel = build_channel(logged(tmp_path, runs), "temperature")
     assert [one.effect for one in diagnose_channel(channel, describing=False).causes] == ["parallel_lag"]

@@ -127,6 +127,12 @@ def test_air_that_drifts_is_no_part_of_the_sensor(runs):
     assert any("air that still moved" in sentence for sentence in found.cannot_tell)
 
 
+def test_a_single_run_does_not_tell_a_drift_from_a_slow_part():
+    """Nothing is adequate beside a part that a drift stands for."""
+    found = diagnose_channel(channel_of([0.0], slow=(0.15, 700.0)))
+    assert not found.problem.channel.may_drift.any() and found.verdict != "adequate"
+
+
 @pytest.mark.parametrize("runs", [2, 4])
 def test_a_slow_part_of_the_sensor_is_no_drift_of_its_air(runs):
     found = diagnose_channel(channel_of([0.0] * runs, slow=(0.15, 700.0), seed=runs))
