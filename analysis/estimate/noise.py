@@ -226,7 +226,7 @@ def plateau_pieces(channel: Channel, late_share: float = 1 / 3) -> tuple[Array, 
     n is `PIECE_SAMPLES`, or less where a slow logger leaves fewer samples; where next to nothing was recorded before
     the transfer, a third of what there is after it.
     """
-    before = np.median([(t < r).sum() for (t, _), r in zip(channel.samples, channel.rests_until_s, strict=True)])
+    before = np.median([(time < 0).sum() for time, _ in channel.samples])
     after = np.median([(time > (1 - late_share) * time[-1]).sum() for time, _ in channel.samples])
     longest = 0.85 * before if 0.85 * before >= SHORTEST_PIECE else after / 3
     piece = int(np.clip(longest, SHORTEST_PIECE, PIECE_SAMPLES))
@@ -234,9 +234,9 @@ def plateau_pieces(channel: Channel, late_share: float = 1 / 3) -> tuple[Array, 
     late: list[Array] = []
     driving: list[Array] = []
     period = channel.sampling_period_s
-    for (time, value), rests_until_s, air in zip(channel.samples, channel.rests_until_s, channel.air, strict=True):
+    for (time, value), air in zip(channel.samples, channel.air, strict=True):
         # Air that was measured all along drives the sensor all along: what bends less than noise does is in pieces.
-        parts = [(time < rests_until_s, early), (time > (1 - late_share) * time[-1], late)] if air is None else []
+        parts = [(time < -2 * period, early), (time > (1 - late_share) * time[-1], late)] if air is None else []
         for part, pieces in parts or [(np.ones(time.size, dtype=bool), late)]:
             t, y = time[part], value[part]
             pieces.extend(whole_pieces(t, y, period, piece))
