@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from shockrig.files.disk import shown
 from shockrig.rig.bench_errors import BenchError
+from shockrig.rig.logs.behind_names import SAMPLE_LINES
 from shockrig.rig.logs.stamps import TimeColumns, newest_first
-from shockrig.rig.logs.text import SAMPLE_LINES, Scan, is_value
+from shockrig.rig.logs.text import Scan, is_value
 
 Array = NDArray[np.float64]
 

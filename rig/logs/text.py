@@ -23,7 +23,7 @@ from shockrig.files.sentinels import NO_VALUE_WORDS
 from shockrig.files.spelling import did_you_mean
 from shockrig.files.unit_names import is_called_time, is_unit, known_unit, unique_names, unit_among, unit_by_letter
 from shockrig.rig.bench_errors import BenchError
-from shockrig.rig.logs.behind_names import unfolded
+from shockrig.rig.logs.behind_names import SAMPLE_LINES, unfolded
 from shockrig.rig.logs.lines import Index, Lines, read_lines
 
 SEPARATORS = {"tab": "\t", "semicolon": ";", "comma": ",", "bar": "|", "space": " "}
@@ -32,7 +32,6 @@ NO_NUMBER = (*NO_VALUE_WORDS, "nan", "nil", "inf", "-inf", "+inf", "err", "error
 BEHIND = re.compile(r"[,;]+(?=\s|$)")  # "17:58:47 22.4, 50.1": blanks part the cells, and commas stand behind some
 # "# name 0 = t: Time [s]"
 LISTED = re.compile(r"\W*(?:name|field|column|channel)\s*\d+\s*[:=]\s*(?:\S+: )?(.+?)\s*$", re.I)
-SAMPLE_LINES = 200
 PROCESSING = {"", "ts", "rn", "smp", "avg", "max", "min", "std", "tot", "med"}  # under names, of Campbell's loggers
 
 NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eE][+-]?\d+)?")
