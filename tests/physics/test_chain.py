@@ -10,9 +10,9 @@ from small_worlds import record
 from shockrig.analysis.effects import CATALOGUE, structure_of
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import Model, Point
-from shockrig.analysis.estimate.quantity import QUANTITIES
+from shockrig.analysis.estimate.quantity import QUANTITIES, RunEffect
 from shockrig.analysis.physics import readings as concentration
-from shockrig.analysis.physics.chain import discrete_gauss, evaluate
+from shockrig.analysis.physics.chain import JUMP_K, at_jump, discrete_gauss, evaluate
 from shockrig.analysis.physics.humidity import (
     dew_point_c,
     humidity_from_ppmv,
@@ -73,6 +73,21 @@ def test_candidates_at_once_read_as_each_by_itself(channels):
         deviations[-1 - k, :, k] += 0.01
     alone = [model.predict(Point(thetas[i], deviations[i]))[0] for i in range(count)]
     np.testing.assert_allclose(model.predict(Point(thetas, deviations)), alone, rtol=0, atol=1e-12)
+
+
+def test_which_readings_say_nothing_is_told_by_what_was_recorded(channels):
+    """RH jumps where the air's temperature does. A model that takes another temperature for an air mutes no reading by
+    that: else one that misses the first readings would choose not to be asked."""
+    channel = channels["humidity"]
+    jumps = np.abs(channel.conditions.thermal_step_k) > JUMP_K
+    muted = []
+    for warmer_k in (0.0, 2.0):
+        deviations = channel.at_rest()[None].copy()
+        deviations[..., RunEffect.DESTINATION_C] = warmer_k
+        muted.append(at_jump(Model(channel).chain(Point(np.full((1, channel.rates), -3.0), deviations))))
+    np.testing.assert_array_equal(*muted)
+    assert 0 < jumps.sum() < channel.runs
+    assert muted[0][jumps].any() and not muted[0][~jumps].any()
 
 
 def test_saturation_pressure_known_values():
