@@ -196,22 +196,23 @@ def unstuck(problem: Problem, found: Fit, iterations: int = MOST_STEPS) -> Fit:
 
 
 def _across_reading(problem: Problem, found: Fit) -> Array | None:
-    """Deviations with the unrecorded start of a run that is alone, and misfits, beyond the reading next to it.
+    """Deviations with all starts beyond the readings next to them, where all are unrecorded and every run misfits.
 
     The objective has a valley between each two readings. A scan that holds the rest goes from one to the other where
-    other runs say what the rest is; of a run alone, start and rates are found together in each of them.
+    other runs say what the rest is. Of a run alone, or of records that all begin with their response, starts, shares
+    and rates are found together in each of them: two exponentials that begin earlier are two with other shares.
     """
     channel = problem.channel
-    if channel.runs > 1 or channel.conditions.start_known[0] or run_misfit(problem, found)[0] <= STUCK_MEAN_SQUARE:
-        return None
-    time_s = np.sort(channel.time_s[0, channel.count[0] > 0])
-    start_s = found.deviations[0, RunEffect.START]
-    nearest = int(np.argmin(np.abs(time_s - start_s)))
-    beyond = nearest + (1 if start_s < time_s[nearest] else -1)
-    if not 0 <= beyond < time_s.size:
+    if channel.conditions.start_known.any() or (run_misfit(problem, found) <= STUCK_MEAN_SQUARE).any():
         return None
     moved = found.deviations.copy()
-    moved[0, RunEffect.START] = 0.5 * (time_s[nearest] + time_s[beyond])
+    for run, start_s in enumerate(found.deviations[:, RunEffect.START]):
+        time_s = np.sort(channel.time_s[run, channel.count[run] > 0])
+        nearest = int(np.argmin(np.abs(time_s - start_s)))
+        beyond = nearest + (1 if start_s < time_s[nearest] else -1)
+        if not 0 <= beyond < time_s.size:
+            return None
+        moved[run, RunEffect.START] = 0.5 * (time_s[nearest] + time_s[beyond])
     return np.asarray(moved)
 
 

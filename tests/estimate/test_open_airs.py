@@ -223,3 +223,26 @@ def test_codes_are_known_only_to_whoever_knows_the_signal():
         assert ready.rounds_coarsely
         white_of[name] = with_rounding(ready, plain_fit(ready.problem)).problem is ready.problem
     assert white_of == {"right": False, "wrong": True}
+
+
+def test_a_change_behind_the_first_reading_of_all_records_is_found_there():
+    """Two exponentials that began earlier are two with other shares: only the first reading, which is still of the air
+    before, says when they did. All starts, and the shares, have to be found behind it together."""
+    late_s = (0.5, 3.0, 2.5, 1.5)
+    airs = ((40.0, 10.0), (10.0, 40.0)) * 2
+
+    def changed(late_s, before, after):
+        response = two_exponentials(before, after, slow=(0.2, SLOW_S))
+        return lambda t: np.where(t < late_s, before, response(t - late_s))
+
+    curves = [(changed(s, *air), 1000.0) for s, air in zip(late_s, airs, strict=True)]
+    problem = problem_of(channel_of(curves, 5.0))
+    structure, earlier = Structure((CATALOGUE["parallel_lag"],)), problem.channel.at_rest()
+    choice = {"parallel_lag.fraction": 0.1, "parallel_lag.time_constant_s": SLOW_S}
+    theta = Model(problem.channel, structure).start(np.array([-np.log(FAST_S)]), choice)
+    stuck = fit(problem, structure, theta, earlier)
+    found = refit(problem, structure, stuck)
+    assert stuck.objective > 10.0 * found.objective
+    assert found.objective < 1.3 * (problem.channel.count > 0).sum()
+    first_s = problem.channel.begun_s
+    np.testing.assert_allclose(found.deviations[:, RunEffect.START] - first_s, late_s, atol=0.3)
