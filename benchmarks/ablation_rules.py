@@ -72,7 +72,7 @@ def level(name: str, value: float, does: str) -> Rule:
 
 
 S, C, G, D = "diagnose.race.", "diagnose.candidates.", "diagnose.gain.", "diagnose.diagnose."
-A, R, N, E = "diagnose.adequacy.", "diagnose.refitting.", "estimate.noise.", "estimate."
+A, R, N, E = "diagnose.adequacy.", "estimate.refitting.", "estimate.noise.", "estimate."
 
 RULES = (
     # The verdict.
@@ -118,7 +118,7 @@ RULES = (
     Rule("unstuck", "runs stuck before a step are moved", {f"{R}unstuck": _second}),
     # The noise.
     Rule("average", "a running mean that the response shows", {f"{D}likelier_average": _none}),
-    level("not_gaussian", 1.0, "codes say less than their variance, by 1.5"),
+    Rule("not_gaussian", "codes say less than their variance, by 1.5", {f"{E}coarse_codes.NOT_GAUSSIAN": 1.0}),
     Rule("no memory without end", "noise remembers 0.995 at most", {f"{N}LONGEST_MEMORY": 1.0 - 1e-9}),
     Rule("kinks", "a piece with a kink is no plateau", {f"{N}KINKED_DEVIATIONS": INF}),
     # Runs held out.

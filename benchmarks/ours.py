@@ -176,7 +176,7 @@ def borne_out(outcome: Outcome, campaign: str | Path, channel: str) -> list[tupl
     that runs have in common that model leaves less of another campaign than the likeliest one without the effect does.
     """
     from shockrig.analysis.diagnose.held_out import run_errors
-    from shockrig.analysis.diagnose.refitting import as_judged
+    from shockrig.analysis.estimate.refitting import as_judged
 
     if (beside := _beside(outcome, campaign, channel)) is None:
         return []

@@ -94,7 +94,8 @@ OF_HUMS = (
     "BESIDE_WIDTHS", "AROUND_WIDTHS", "LEFT_OUT_SIGMAS", "BURST_SIGMAS", "A_HANDFUL",
     "EXPECTED_SHARE", "NEAR_TURN", "FEWEST_TURNS", "TURN_CELLS", "LEAST_READINGS", "FEWEST_PLATEAUS",
 )  # fmt: skip
-MEANS = [f"level:{name}" for name in ("average_gain", "average_unlikely", "hidden_noise", "not_gaussian")]
+CODES = "estimate.coarse_codes.NOT_GAUSSIAN"
+MEANS = [*(f"level:{name}" for name in ("average_gain", "average_unlikely", "hidden_noise")), CODES]
 NUMBERS_OF = {
     "hidden": [f"level:{name}" for name in THRESHOLDS],
     "logger": MEANS,
@@ -107,16 +108,15 @@ NUMBERS_OF = {
 }
 AS_IT_IS = "as it is"
 # Modules of the room diagnose whose numbers a search reads.
-SEARCHING = frozenset({"search", "candidates", "grammar", "refitting", "prepare", "adequacy", "hums"})
+SEARCHING = frozenset({"search", "candidates", "grammar", "prepare", "adequacy", "hums"})
 # Others that it reads, or what makes a channel ready for it.
-SEARCHED = {
-    f"level:{name}" for name in ("effect", "form", "factor", "named", "anything", "hidden_noise", "not_gaussian")
-}
+SEARCHED = {f"level:{name}" for name in ("effect", "form", "factor", "named", "anything", "hidden_noise")}
 SEARCHED |= {
     f"design.{name}"
     for name in ("targets.FEWEST_RUNS", "recorded_so_far.VARIED_RATIO", "recorded_so_far.OTHER_PRESSURE")
 }
-SEARCHED |= {"physics.air_exchange.DEW_FALLS_K", "estimate.noise.AVERAGED_KNOWN_TO", "estimate.predictive.MISFITS"}
+SEARCHED |= {"physics.air_exchange.DEW_FALLS_K", "estimate.noise.AVERAGED_KNOWN_TO", CODES}
+SEARCHED.add("estimate.predictive.MISFITS")
 _SEARCHES: dict[Any, Any] = {}
 
 

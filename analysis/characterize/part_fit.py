@@ -19,6 +19,7 @@ from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.described import entry_of, stated_values, with_values
 from shockrig.analysis.effects.forms import MEAN
 from shockrig.analysis.estimate.channel import Channel, LeftOut
+from shockrig.analysis.estimate.coarse_codes import with_errors_of_codes
 from shockrig.analysis.estimate.drifting import where_airs_drift
 from shockrig.analysis.estimate.fit import Fit, fit, rmse_over_samples
 from shockrig.analysis.estimate.fit_starts import (
@@ -196,10 +197,19 @@ def fit_part(
         again = descended_point(problem, extension.structure)
         second = unstuck(problem, fit(problem, extension.structure, again.theta, again.deviations))
         found = second if second.deviance < found.deviance - SAME_DEVIANCE else found
-    problem, found = where_airs_drift(problem, found)
-    part = make_part(problem, labelled(problem, found), noise)
+    part = _ended(problem, found, noise)
     rows, undetermined = joint_rows(part, noise, basis, optima)
     return part, rows, undetermined
+
+
+def _ended(problem: Problem, found: Fit, noise: Noise) -> Part:
+    """A fit as it is stated: with errors of a coarse rounding as they come about its signal, in airs that drift where
+    these explain the runs."""
+    if noise.step:
+        problem, noise = with_errors_of_codes(problem, noise, found)
+        found = unstuck(problem, fit(problem, found.structure, found.theta, found.deviations))
+    problem, found = where_airs_drift(problem, found)
+    return make_part(problem, labelled(problem, found), noise)
 
 
 SAME_DEVIANCE = 2.0  # a factor e in the likelihood, within which two fits are one
@@ -283,8 +293,7 @@ def quick_part(
         point = rough_point(problem, extension.structure, extension.starts)
         theta = Model(channel, extension.structure).start(point.theta[: channel.rates], dict(extension.starts or {}))
         found = unstuck(problem, fit(problem, extension.structure, theta, point.deviations))
-        part, found = where_airs_drift(problem, found)
-        parts[basis] = make_part(part, labelled(part, found), noise)
+        parts[basis] = _ended(problem, found, noise)
     basis = min(parts, key=lambda name: parts[name].rmse)
     rows, undetermined = joint_rows(parts[basis], noise, basis)
     return parts[basis], rows, undetermined

@@ -25,7 +25,6 @@ from shockrig.analysis.diagnose.next_experiments import next_experiments
 from shockrig.analysis.diagnose.pool import Search
 from shockrig.analysis.diagnose.predicting import outdone, predicting_model
 from shockrig.analysis.diagnose.prepare import Prepared, likelier_average, prepare, with_rounding
-from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.diagnose.remainder import Tolerance, describe, measure_remainder
 from shockrig.analysis.diagnose.search import Earlier, first_look, search
 from shockrig.analysis.diagnose.stated_effects import causes_in, forms_in, tried_beside
@@ -36,6 +35,7 @@ from shockrig.analysis.estimate.drifting import where_airs_drift
 from shockrig.analysis.estimate.gather import build_channel, usable_runs, why_none
 from shockrig.analysis.estimate.predictive import as_stated, bumps
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, looked_for
+from shockrig.analysis.estimate.refitting import plain_fit
 from shockrig.files.campaign import Campaign
 from shockrig.files.diagnosis import StatedDiagnosis
 from shockrig.files.errors import InputError

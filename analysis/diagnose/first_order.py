@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from shockrig.analysis.diagnose.candidates import Candidate, in_group_of
 from shockrig.analysis.diagnose.grammar import splits
 from shockrig.analysis.diagnose.pool import Rated
-from shockrig.analysis.diagnose.refitting import rate_shift
 from shockrig.analysis.effects.forms import ONLY_BEFORE, ONLY_FROM
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.effect import by_name
@@ -21,6 +20,7 @@ from shockrig.analysis.estimate.model import Model, Point
 from shockrig.analysis.estimate.predictive import DISCREPANCIES
 from shockrig.analysis.estimate.problem import RATE_SCATTER, Problem
 from shockrig.analysis.estimate.quantity import RunEffect
+from shockrig.analysis.estimate.refitting import rate_shift
 
 Array = NDArray[np.float64]
 Starts = Sequence[Mapping[str, float]]

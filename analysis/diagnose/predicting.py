@@ -11,7 +11,6 @@ from shockrig.analysis.diagnose.diagnosed import Predicting
 from shockrig.analysis.diagnose.held_out import run_errors
 from shockrig.analysis.diagnose.pool import Rated, Search
 from shockrig.analysis.diagnose.prepare import Prepared
-from shockrig.analysis.diagnose.refitting import LEAST_SQUARE, as_judged, carried, squares_of_bins
 from shockrig.analysis.diagnose.stated_effects import causes_in, forms_in
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.described import drifts, is_described
@@ -20,6 +19,7 @@ from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import Fit
 from shockrig.analysis.estimate.predictive import BUMP_COUNT, bumps, no_surer, score
 from shockrig.analysis.estimate.problem import Problem
+from shockrig.analysis.estimate.refitting import LEAST_SQUARE, as_judged, carried, squares_of_bins
 from shockrig.files.diagnosis_data import Discovered
 
 # What one would fit without a catalogue.

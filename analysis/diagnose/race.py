@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from shockrig.analysis.diagnose.candidates import Candidate, bare_forms, kin_of, refused, sound
 from shockrig.analysis.diagnose.first_order import FAR_DISCREPANCY, Screened, Starts, best_group, promises
 from shockrig.analysis.diagnose.pool import Rated, Search, heaviest_first, keep_best, stated, stuck, value_of
-from shockrig.analysis.diagnose.refitting import begun_anew, rate_shift, refit
 from shockrig.analysis.effects.described import is_described
 from shockrig.analysis.effects.forms import forms_of
 from shockrig.analysis.estimate.effect import Effect, by_name
@@ -22,6 +21,7 @@ from shockrig.analysis.estimate.fit_starts import plainly_wrong, rough_point, ro
 from shockrig.analysis.estimate.model import Model, Structure
 from shockrig.analysis.estimate.predictive import bumps, score
 from shockrig.analysis.estimate.problem import Problem
+from shockrig.analysis.estimate.refitting import begun_anew, rate_shift, refit
 
 Array = NDArray[np.float64]
 

@@ -15,12 +15,12 @@ from shockrig.analysis.diagnose.candidates import Candidate, candidates
 from shockrig.analysis.diagnose.first_order import FAR_DISCREPANCY
 from shockrig.analysis.diagnose.pool import Rated, Search, value_of
 from shockrig.analysis.diagnose.race import Race
-from shockrig.analysis.diagnose.refitting import begun_anew, plain_fit
 from shockrig.analysis.estimate.effect import by_name
 from shockrig.analysis.estimate.fit import Fit
 from shockrig.analysis.estimate.fit_starts import rough_rates
 from shockrig.analysis.estimate.model import PLAIN, Model, Structure
 from shockrig.analysis.estimate.problem import Problem
+from shockrig.analysis.estimate.refitting import begun_anew, plain_fit
 
 Earlier = Mapping[str, Mapping[str, float]]  # effects that an earlier search of the same runs ended with: parameters
 

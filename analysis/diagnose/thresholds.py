@@ -18,7 +18,6 @@ THRESHOLDS = {
     "average_gain": 6.0,  # drop in deviance of a running mean that noise hides
     "average_unlikely": 40.0,  # log-likelihood below which a length of a running mean is out
     "hidden_noise": 0.5,  # noise in steps that rounding hides
-    "not_gaussian": 1.5,  # by how much codes say less than their variance
     "anything": 2.0,  # uncertainty, in its logarithm, of what may be anything
 }
 

@@ -319,7 +319,8 @@ def at_jump(chain: Chain, candidate: int = 0) -> NDArray[np.bool_]:
     RH read at the air's temperature jumps with it: 10 K are worth as much as the whole transient.
     """
     time = chain.time_s[candidate]
-    stepped = np.abs(chain.channel.conditions.thermal_step_k) > JUMP_K  # as recorded: no model may choose to say nothing
+    # As recorded: no model may choose to be asked nothing.
+    stepped = np.abs(chain.channel.conditions.thermal_step_k) > JUMP_K
     # What slows all candidates alike stands there once.
     ramp = np.zeros(()) if chain.ramp_s is None else chain.ramp_s[min(candidate, len(chain.ramp_s) - 1)]
     reads_as_air = chain.channel.jumps_with_air and not (chain.at_die_temperature or chain.by_activity)

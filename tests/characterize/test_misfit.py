@@ -74,3 +74,21 @@ def test_readings_that_are_rounded_coarsely_are_as_noisy_as_that_makes_them(tmp_
     found = characterize(logged(tmp_path, runs, start_s=200.0), channels=["temperature"], quickly=True).temperature
     assert found.explained and found.noise.standard_deviation == pytest.approx(0.5 / np.sqrt(12.0), rel=0.05)
     assert found.rows[0].response.t63_s == pytest.approx(60.0, rel=0.02)
+
+
+def test_errors_of_a_coarse_rounding_come_as_the_signal_crosses_codes(tmp_path):
+    """Taken for independent they have a time to 63 % several times as far off, and by more than is stated."""
+    off, sure = [], []
+    for seed in range(2, 6):
+        random, time, runs = np.random.default_rng(seed), np.arange(-120.0, 480.0), []
+        for run in range(6):
+            cold, warm = random.uniform(5.0, 10.0), random.uniform(30.0, 40.0)
+            source, destination = (cold, warm) if run % 2 else (warm, cold)
+            value = destination + (source - destination) * np.exp(-np.maximum(time, 0.0) / 60.0)
+            runs.append((time - time[0], 0.5 * np.round((value + random.normal(0.0, 0.02, time.size)) / 0.5)))
+        campaign = logged(tmp_path / str(seed), runs, start_s=120.0)
+        found = characterize(campaign, channels=["temperature"], quickly=True).temperature
+        off.append(found.rows[0].response.t63_s - 60.0)
+        sure.append(found.rows[0].response.standard_uncertainties_s[0])
+    assert np.sqrt(np.mean(np.square(off))) < 0.1
+    assert np.sqrt(np.mean((np.array(off) / sure) ** 2)) < 1.2

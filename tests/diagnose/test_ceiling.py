@@ -6,11 +6,11 @@ from small_worlds import record
 
 from shockrig.analysis.diagnose.candidates import refused
 from shockrig.analysis.diagnose.prepare import prepare
-from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.diagnose.search import search
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.fit import fit
 from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.refitting import plain_fit
 from shockrig.rig.virtual.plans import standard_plan
 from shockrig.rig.virtual.truth import ROUGH, Hidden
 

@@ -13,10 +13,10 @@ from benchmark_scripts import benchmark
 from small_worlds import record
 
 from shockrig.analysis.diagnose.adequacy import judge
-from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.noise import estimate_noise, whiteners
 from shockrig.analysis.estimate.problem import make_problem
+from shockrig.analysis.estimate.refitting import plain_fit
 from shockrig.rig.virtual.plans import standard_plan
 from shockrig.rig.virtual.truth import ROUGH, TrueNoise
 

@@ -15,7 +15,6 @@ from shockrig.analysis.diagnose.candidates import bare_forms, candidates, says_n
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.grammar import forms
 from shockrig.analysis.diagnose.race import Race
-from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.diagnose.remainder import Tolerance
 from shockrig.analysis.diagnose.search import search
 from shockrig.analysis.effects import CATALOGUE
@@ -26,6 +25,7 @@ from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.estimate.noise import estimate_noise, whiteners
 from shockrig.analysis.estimate.problem import make_problem
+from shockrig.analysis.estimate.refitting import plain_fit
 from shockrig.analysis.flight.correct import correct
 from shockrig.analysis.flight.undo_readout import unseen
 from shockrig.analysis.report.diagnosis_words import sentence

@@ -17,7 +17,6 @@ from shockrig.analysis.diagnose.hums import without_hums
 from shockrig.analysis.diagnose.pool import Search
 from shockrig.analysis.diagnose.prepare import likelier_average, prepare, with_rounding
 from shockrig.analysis.diagnose.race import Race
-from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.diagnose.remainder import Tolerance
 from shockrig.analysis.diagnose.search import first_look, search
 from shockrig.analysis.effects import CATALOGUE, behaviours
@@ -28,6 +27,7 @@ from shockrig.analysis.estimate.effect import SingleReadings
 from shockrig.analysis.estimate.fit import fit
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import Held, Model, Point, Structure
+from shockrig.analysis.estimate.refitting import plain_fit
 from shockrig.analysis.estimate.without_model import mostly_repeats
 from shockrig.analysis.flight.undo_readout import not_undone
 from shockrig.analysis.report import diagnosis_words

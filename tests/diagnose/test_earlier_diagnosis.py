@@ -10,10 +10,10 @@ from shockrig.analysis.diagnose.candidates import candidates
 from shockrig.analysis.diagnose.cannot_tell import left_open
 from shockrig.analysis.diagnose.prepare import prepare
 from shockrig.analysis.diagnose.race import Race
-from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.diagnose.search import search
 from shockrig.analysis.estimate.fit import MOST_STEPS
 from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.refitting import plain_fit
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.truth import Hidden, draw_truth

@@ -9,11 +9,11 @@ from small_worlds import record, small_plan
 from shockrig.analysis.diagnose.gain import held_out_parts, measure_gain
 from shockrig.analysis.diagnose.pool import Rated
 from shockrig.analysis.diagnose.prepare import prepare
-from shockrig.analysis.diagnose.refitting import plain_fit, refit
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import PLAIN
 from shockrig.analysis.estimate.predictive import bumps, score
+from shockrig.analysis.estimate.refitting import plain_fit, refit
 from shockrig.rig.virtual.truth import Hidden
 
 

@@ -12,13 +12,13 @@ from shockrig.analysis.design.evidence import OpenDispute, expected
 from shockrig.analysis.design.menu import SLOWEST_M_S, PlannedShock
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.next_experiments import propose, unseen
-from shockrig.analysis.diagnose.refitting import plain_fit, refit
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.channel import FINE_BIN_WIDTHS, edges_after_transfer, fine_width
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import PLAIN, Model, Structure
 from shockrig.analysis.estimate.noise import estimate_noise, whiteners
 from shockrig.analysis.estimate.problem import make_problem
+from shockrig.analysis.estimate.refitting import plain_fit, refit
 from shockrig.analysis.physics import readings
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.seams import Air

@@ -13,10 +13,10 @@ from shockrig.analysis.diagnose.extended_profile import extended_result
 from shockrig.analysis.diagnose.held_out import plainly, run_errors
 from shockrig.analysis.diagnose.prepare import prepare
 from shockrig.analysis.diagnose.race import Race
-from shockrig.analysis.diagnose.refitting import as_judged
 from shockrig.analysis.diagnose.search import search
 from shockrig.analysis.diagnose.thresholds import THRESHOLDS
 from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.refitting import as_judged
 from shockrig.analysis.report.diagnosis_words import predicting_sentence
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.truth import Hidden

@@ -10,13 +10,13 @@ from shockrig.analysis.diagnose.candidates import candidates
 from shockrig.analysis.diagnose.held_out import run_errors
 from shockrig.analysis.diagnose.prepare import prepare
 from shockrig.analysis.diagnose.race import Race
-from shockrig.analysis.diagnose.refitting import as_judged, carried, plain_fit, refit
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.fit import fit
 from shockrig.analysis.estimate.fit_starts import unstuck
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import PLAIN
 from shockrig.analysis.estimate.quantity import RunEffect
+from shockrig.analysis.estimate.refitting import as_judged, carried, plain_fit, refit
 from shockrig.files.campaign import Campaign, Run, RunAir, Trace
 from shockrig.rig.virtual.plans import wide_plan
 from shockrig.rig.virtual.truth import Hidden, TrueNoise

@@ -17,7 +17,6 @@ from shockrig.analysis.diagnose.candidates import Candidate, log_prior
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.extended_profile import extended_result
 from shockrig.analysis.diagnose.race import Race
-from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.effects import CATALOGUE, structure_of
 from shockrig.analysis.effects.described import described
 from shockrig.analysis.estimate.effect import SingleReadings, unchanged
@@ -27,6 +26,7 @@ from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.estimate.noise import COARSE_IN_NOISE, estimate_noise, whiteners
 from shockrig.analysis.estimate.problem import make_problem
 from shockrig.analysis.estimate.quantity import QUANTITIES, RunEffect
+from shockrig.analysis.estimate.refitting import plain_fit
 from shockrig.analysis.estimate.without_model import rounding_step
 from shockrig.analysis.physics.bodies import BODIES
 from shockrig.analysis.physics.chain import MeasuredAir

@@ -9,12 +9,12 @@ import pytest
 from shockrig.analysis.diagnose.adequacy import judge
 from shockrig.analysis.diagnose.grammar import forms
 from shockrig.analysis.diagnose.prepare import prepare
-from shockrig.analysis.diagnose.refitting import plain_fit, refit
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.effects.described import described
 from shockrig.analysis.estimate.fit import fit, run_misfit
 from shockrig.analysis.estimate.gather import build_channel, smooth_dies
 from shockrig.analysis.estimate.model import Held, Model, Point, Structure
+from shockrig.analysis.estimate.refitting import plain_fit, refit
 from shockrig.files.campaign import read_campaign
 from shockrig.rig.virtual.batch import simulate_campaign
 from shockrig.rig.virtual.plans import standard_plan

@@ -8,7 +8,6 @@ import pytest
 
 from shockrig.analysis.characterize.characterize import characterize
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
-from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.drifting import where_airs_drift
 from shockrig.analysis.estimate.gather import build_channel
@@ -16,6 +15,7 @@ from shockrig.analysis.estimate.model import Model, Point
 from shockrig.analysis.estimate.noise import estimate_noise, whiteners
 from shockrig.analysis.estimate.problem import DRIFT_SCATTER, make_problem
 from shockrig.analysis.estimate.quantity import RunEffect
+from shockrig.analysis.estimate.refitting import plain_fit
 from shockrig.files.campaign import Campaign, Run, RunAir, Trace
 
 TAU_S, LASTS_S, NOISE_K = 100.0, 1200.0, 0.02

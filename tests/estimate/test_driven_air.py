@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from shockrig.analysis.diagnose.prepare import prepare
-from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.estimate.channel import bin_means, place
 from shockrig.analysis.estimate.driven_air import averaged_over, begun_unsettled, edges_of_driven, follow, without_noise
 from shockrig.analysis.estimate.gather import build_channel
+from shockrig.analysis.estimate.refitting import plain_fit
 from shockrig.analysis.physics.chain import MeasuredAir
 from shockrig.analysis.physics.driven import respond
 from shockrig.analysis.physics.modes import first_order

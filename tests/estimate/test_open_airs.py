@@ -8,7 +8,6 @@ import pytest
 from shockrig.analysis.diagnose.cannot_tell import cannot_tell
 from shockrig.analysis.diagnose.held_out import run_errors
 from shockrig.analysis.diagnose.prepare import prepare, with_rounding
-from shockrig.analysis.diagnose.refitting import as_judged, plain_fit, refit
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.channel import Channel
 from shockrig.analysis.estimate.fit import AIRS, fit, objective_at, with_airs
@@ -17,6 +16,7 @@ from shockrig.analysis.estimate.model import PLAIN, Model, Point, Structure
 from shockrig.analysis.estimate.noise import estimate_noise, whiteners
 from shockrig.analysis.estimate.problem import Problem, make_problem
 from shockrig.analysis.estimate.quantity import RunEffect
+from shockrig.analysis.estimate.refitting import as_judged, plain_fit, refit
 from shockrig.files.campaign import Campaign, Run, RunAir, Trace
 
 NOISE_K = 0.02

@@ -7,11 +7,11 @@ import pytest
 from scipy.optimize import lsq_linear, minimize
 
 from shockrig.analysis.diagnose.held_out import PLACED_WITHIN, placed, run_errors, within_limits
-from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import Point
 from shockrig.analysis.estimate.noise import estimate_noise, whiteners
 from shockrig.analysis.estimate.problem import make_problem
+from shockrig.analysis.estimate.refitting import plain_fit
 from shockrig.files.campaign import Campaign, Run, RunAir, Trace, read_campaign
 
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_t
 
-from shockrig.analysis.diagnose.refitting import plain_fit
 from shockrig.analysis.estimate.fit import fit, rmse_over_samples
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.noise import estimate_noise, whiteners
@@ -26,6 +25,7 @@ from shockrig.analysis.estimate.predictive import (
 )
 from shockrig.analysis.estimate.problem import make_problem
 from shockrig.analysis.estimate.quantity import RunEffect
+from shockrig.analysis.estimate.refitting import plain_fit
 from shockrig.files.campaign import read_campaign
 
 RUNS, READINGS, PARAMETERS, OWN, BUMPS = 5, 9, 3, 2, 4

@@ -32,11 +32,11 @@ from shockrig.analysis.design.recorded_so_far import farthest, variety
 from shockrig.analysis.design.targets import Target, gained_by, measured, targets
 from shockrig.analysis.diagnose.diagnose import diagnose_channel
 from shockrig.analysis.diagnose.prepare import prepare
-from shockrig.analysis.diagnose.refitting import plain_fit, refit
 from shockrig.analysis.effects import CATALOGUE
 from shockrig.analysis.estimate.fit import fit
 from shockrig.analysis.estimate.gather import build_channel
 from shockrig.analysis.estimate.model import PLAIN, Model
+from shockrig.analysis.estimate.refitting import plain_fit, refit
 from shockrig.analysis.plan.decide import decide
 from shockrig.analysis.plan.decision import (
     CONTINUE,
