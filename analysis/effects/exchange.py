@@ -122,19 +122,25 @@ VAPOUR_BOUNDARY_LAYER = Effect(
 
 # A first-order lag in series with the body: a sheath, a housing, a vent or a filter cap that the air has to cross.
 
-EARLY_LAGS, SETTLED_SHARE = 0.1, 0.95  # a body that is there so soon, in time constants of the lag, is none
+NO_LAG = 1.0 / 30.0  # of a lag: a body that is slower by less on average (an exponential: 95 % in a tenth) is none
 
 
-def _before_nothing(channel: Channel, values: Values, bare: Callable[[], Array]) -> bool:
-    """Whether the body behind the lag follows at once: such a sensor is a lump, and has one time constant."""
+def _before_nothing(channel: Channel, lag_s: float, bare: Callable[[], Array]) -> bool:
+    """Whether the body behind a lag follows at once: such a sensor is a lump, and has one time constant.
+
+    How late a response is on average is all that shows of what is much faster than the rest.
+    """
     if channel.measured.any():
         return False
     reading = bare()
     first, last = reading[:, :1], reading[:, -1:]
-    late = (channel.time_s > EARLY_LAGS * values["time_constant_s"]) & (channel.count > 0)
-    moved = np.abs(last - first) > channel.quantity.least_step
-    share = (reading - first) / np.where(moved, last - first, 1.0)
-    return bool((late & moved).any() and (share[late & moved] > SETTLED_SHARE).all())
+    moved = (np.abs(last - first) > channel.quantity.least_step)[:, 0]
+    left = 1.0 - (reading - first) / np.where(moved[:, None], last - first, 1.0)
+    since = np.where(channel.count > 0, np.maximum(channel.time_s, 0.0), 0.0)
+    order = np.argsort(since, axis=1)
+    since, left = np.take_along_axis(since, order, axis=1), np.take_along_axis(left, order, axis=1)
+    late_s = (np.diff(since, axis=1, prepend=0.0) * left).sum(axis=1)
+    return bool(moved.any() and (late_s[moved] < NO_LAG * lag_s).all())
 
 
 SERIES_LAG = Effect(
@@ -154,7 +160,12 @@ SERIES_LAG = Effect(
         ),
         "Take off cap or sheath for a comparison, or fly with it on: the profile has it in.",
     ),
-    candidacy=Candidacy(rare=lambda channel: channel.known_sensor, shape=True, refused=_before_nothing, simple="lag"),
+    candidacy=Candidacy(
+        rare=lambda channel: channel.known_sensor,
+        shape=True,
+        refused=lambda channel, p, bare: _before_nothing(channel, p["time_constant_s"], bare),
+        simple="lag",
+    ),
     in_flight=InFlight(series_s=lambda p: p["time_constant_s"]),
 )
 
@@ -199,7 +210,14 @@ SHEATH = Effect(
         # A sheath that holds next to nothing is a film, of time constant over capacity: along that ridge.
         nudges=lambda channel: [{"time_constant_s": s, "capacity": s} for s in (RIDGE_WIDTH, -RIDGE_WIDTH)],
     ),
-    candidacy=Candidacy(excludes=frozenset({"body_lumped"}), shape=True),
+    candidacy=Candidacy(
+        excludes=frozenset({"body_lumped"}),
+        shape=True,
+        # With a body that follows at once it is a lump that holds both.
+        refused=lambda channel, p, bare: _before_nothing(
+            channel, p["time_constant_s"] * (1.0 + 1.0 / p["capacity"]), bare
+        ),
+    ),
     in_flight=InFlight(loaded=lambda p: (p["time_constant_s"], p["capacity"])),
 )
 
