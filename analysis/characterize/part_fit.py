@@ -38,6 +38,7 @@ from shockrig.analysis.estimate.noise import Noise, whiteners
 from shockrig.analysis.estimate.predictive import as_stated, bumps, score
 from shockrig.analysis.estimate.problem import UNVENTILATED_LIMIT, Problem, make_problem
 from shockrig.analysis.estimate.quantity import QUANTITIES, ChannelName, RunEffect
+from shockrig.analysis.estimate.refitting import labelled
 from shockrig.analysis.estimate.seen import by_themselves, crossings
 from shockrig.files.causes import StatedEffect
 from shockrig.files.diagnosis import read_diagnosis
@@ -213,33 +214,6 @@ def _ended(problem: Problem, found: Fit, noise: Noise) -> Part:
 
 
 SAME_DEVIANCE = 2.0  # a factor e in the likelihood, within which two fits are one
-SAME_RESPONSE = 1e-9  # of the readings' span, within which two parameter sets are one response
-
-
-def labelled(problem: Problem, found: Fit) -> Fit:
-    """The fit with the slower of two time constants as the lag's, where either could be called the body's.
-
-    Where the body is one exponential, (rate, fraction, time_constant) and (1 / time_constant, 1 - fraction, 1 / rate)
-    are one response: without a rule two sensors that are alike would be given different numbers.
-    """
-    model = found.model
-    for effect in found.structure.effects:
-        names = [f"{effect.id}.{name}" for name in ("fraction", "time_constant_s")]
-        if not effect.start.mirrors or model.channel.rates != 1 or not set(names) <= set(found.structure.names):
-            continue
-        share, lag = (model.place(name) for name in names)
-        if found.theta[lag] >= -found.theta[0]:
-            continue
-        theta = found.theta.copy()
-        theta[[0, share, lag]] = -found.theta[lag], 1.0 - found.theta[share], -found.theta[0]
-        low, high = model.bounds()
-        if (theta < low).any() or (theta > high).any():
-            continue
-        rest = model.channel.at_rest()
-        before, after = (model.predict(Point(one, rest)) for one in (found.theta, theta))
-        if np.allclose(after, before, rtol=0.0, atol=SAME_RESPONSE * np.ptp(before)):
-            return fit(problem, found.structure, theta, found.deviations)
-    return found
 
 
 def make_part(problem: Problem, found: Fit, noise: Noise) -> Part:

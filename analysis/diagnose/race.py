@@ -21,7 +21,7 @@ from shockrig.analysis.estimate.fit_starts import plainly_wrong, rough_point, ro
 from shockrig.analysis.estimate.model import Model, Structure
 from shockrig.analysis.estimate.predictive import bumps, score
 from shockrig.analysis.estimate.problem import Problem
-from shockrig.analysis.estimate.refitting import begun_anew, rate_shift, refit
+from shockrig.analysis.estimate.refitting import begun_anew, labelled, rate_shift, refit
 
 Array = NDArray[np.float64]
 
@@ -80,8 +80,9 @@ class Race:
         return self.rated(fit(self.problem, structure, theta, deviations, steps))
 
     def keep(self, one: Rated) -> Rated:
-        """The best fit so far of a model, which goes into the pool."""
-        return keep_best(self.pool, one)
+        """The best fit so far of a model, which goes into the pool, with time constants labelled as everywhere."""
+        as_usual = labelled(self.problem, one.fit)
+        return keep_best(self.pool, one if as_usual is one.fit else self.rated(as_usual))
 
     def is_sound(self, one: Rated) -> bool:
         """Whether a model's effects say something where it ended; one whose do not is kept for predictions."""

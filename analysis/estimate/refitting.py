@@ -19,6 +19,7 @@ from shockrig.analysis.estimate.quantity import RunEffect
 Array = NDArray[np.float64]
 
 ALIKE = 1e-7  # scatter of ln rate that is none
+SAME_RESPONSE = 1e-9  # of the readings' span, within which two parameter sets are one response
 LEAST_SQUARE = 1e-30  # mean square that may be divided by
 
 
@@ -113,3 +114,29 @@ def carried(problem: Problem, found: Fit, judged: Fit) -> Fit:
 def squares_of_bins(channel: Channel, left: Array) -> Array:
     """Mean square [unit^2] of what is left of each run's bins (R, n), each by its readings (R,)."""
     return np.asarray((channel.count * left**2).sum(axis=1) / np.maximum(channel.count.sum(axis=1), 1))
+
+
+def labelled(problem: Problem, found: Fit) -> Fit:
+    """The fit with the slower of two time constants as the lag's, where either could be called the body's.
+
+    Where the body is one exponential, (rate, fraction, time_constant) and (1 / time_constant, 1 - fraction, 1 / rate)
+    are one response: without a rule two sensors that are alike would be given different numbers.
+    """
+    model = found.model
+    for effect in found.structure.effects:
+        names = [f"{effect.id}.{name}" for name in ("fraction", "time_constant_s")]
+        if not effect.start.mirrors or model.channel.rates != 1 or not set(names) <= set(found.structure.names):
+            continue
+        share, lag = (model.place(name) for name in names)
+        if found.theta[lag] >= -found.theta[0]:
+            continue
+        theta = found.theta.copy()
+        theta[[0, share, lag]] = -found.theta[lag], 1.0 - found.theta[share], -found.theta[0]
+        low, high = model.bounds()
+        if (theta < low).any() or (theta > high).any():
+            continue
+        rest = model.channel.at_rest()
+        before, after = (model.predict(Point(one, rest)) for one in (found.theta, theta))
+        if np.allclose(after, before, rtol=0.0, atol=SAME_RESPONSE * np.ptp(before)):
+            return fit(problem, found.structure, theta, found.deviations)
+    return found
