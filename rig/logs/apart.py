@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.files.disk import shown
+from shockrig.files.named_readings import SAMPLE_LINES
 from shockrig.rig.bench_errors import BenchError
-from shockrig.rig.logs.behind_names import SAMPLE_LINES
 from shockrig.rig.logs.stamps import TimeColumns, newest_first
 from shockrig.rig.logs.text import Scan, is_value
 

@@ -19,11 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.files.disk import shown
+from shockrig.files.named_readings import SAMPLE_LINES
 from shockrig.files.sentinels import NO_VALUE_WORDS
 from shockrig.files.spelling import did_you_mean
 from shockrig.files.unit_names import is_called_time, is_unit, known_unit, unique_names, unit_among, unit_by_letter
 from shockrig.rig.bench_errors import BenchError
-from shockrig.rig.logs.behind_names import SAMPLE_LINES, unfolded
+from shockrig.rig.logs.behind_names import unfolded
 from shockrig.rig.logs.lines import Index, Lines, read_lines
 
 SEPARATORS = {"tab": "\t", "semicolon": ";", "comma": ",", "bar": "|", "space": " "}

@@ -486,7 +486,7 @@ def test_lines_of_names_and_readings_are_read(tmp_path, capsys):
     assert len(done) == 100 and done["Temp"].iloc[-1] == 20.99 and np.isnan(done["Press"].iloc[40])
 
 
-@pytest.mark.parametrize("before", ["", "{i} - ", "10:{m:02d}:{s:02d}.120 -> "])
+@pytest.mark.parametrize("before", ["", "{i} - ", "10:{m:02d}:{s:02d}.120 -> ", "[2026-05-03 10:{m:02d}:{s:02d}] "])
 def test_a_line_for_each_reading_is_read(tmp_path, capsys, before):
     """As debug ports write records, a terminal's clock before each line or not. Before: no columns were found."""
     lines = ["Starting up"]
