@@ -127,7 +127,7 @@ _WORDS = {  # in Latin letters, Russian, Chinese, Japanese and Korean
 _OTHER = (
     "dew", "frost", "batt", "volt", "heat index", "wind chill", "wet bulb", "wet-bulb", "potential", "setpoint",
     "set point", "set_point", "set temp", "set_temp", "setting", "target", "anomaly", "direction", "velocity", "ascent",
-    "climb", "over ground", "efficien", "duty", "throttle", "charge", "error", "g/m", "vpd", "vapo",
+    "climb", "over ground", "efficien", "duty", "throttle", "charge", "error", "g/m", "vpd", "vapo", "humidifier",
 )  # fmt: skip
 # of several columns of one quantity the first that is there: the air's own pressure goes before one that is reduced to
 # the sea, as weather meters have both, and the speed of the air past the sensor before that of the wind

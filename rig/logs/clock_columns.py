@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.files.flight import NAMES
+from shockrig.files.named_readings import SAMPLE_LINES
 from shockrig.files.unit_names import (
     DAY_1970,
     EPOCH,
@@ -244,7 +245,8 @@ def counted_clock(name: str, cells: Sequence[str], unit: str | None, named: bool
     doubt = (
         "no unit is named; taken as seconds" if named else "its name is none of times, but it rises; taken as seconds"
     )
-    step = float(np.median(steps[steps > 0]))
+    near = steps[: SAMPLE_LINES - 1]  # from row to row: those between were picked at wider distances
+    step = float(np.median(near[near > 0] if (near > 0).any() else steps[steps > 0]))
     if step >= 20 and (values == np.round(values)).all():
         doubt += f', of which {step:g} pass between readings: if they are ms, say time_unit = "ms"'
     if (whose := _days_of(values)) is not None and named:

@@ -678,6 +678,12 @@ def test_a_percentage_of_something_else_is_no_humidity(name):
     assert quantity_of("Kanal 2 [%]", "percent") == "humidity"
 
 
+@pytest.mark.parametrize("name", ["Humidifier Level", "dehumidifier_state"])
+def test_a_device_that_makes_humidity_is_no_hygrometer(name):
+    """Its setting was another sensor's humidity."""
+    assert quantity_of(name, None) is None and quantity_of("Indoor Humidity", None) == "humidity"
+
+
 @pytest.mark.parametrize("name", ["HUM_ABS.d", "Absolute Humidity", "AbsoluteHumidity", "specific humidity"])
 def test_an_absolute_humidity_is_no_relative_one(name):
     """Before: of an aircraft's HUM_ABS.d and HUM_REL.d the first was taken."""
@@ -996,6 +1002,14 @@ def test_what_is_taken_for_granted_of_the_time_is_said(tmp_path, capsys):
         assert run(log, "--look", "--out", tmp_path) == 0
         assert said in capsys.readouterr().out
         assert any(said in note for note in shockrig.import_log(log).notes)
+
+
+def test_seconds_of_a_long_log_are_no_milliseconds(tmp_path):
+    """Of 30,000 rows, five a second, "of which 30 pass between readings": between those picked from all of it."""
+    rows = [f"{k // 5},{20 + 10 * (k > 15_000) + 0.01 * (k % 7):.2f}" for k in range(30_000)]
+    look = look_at([written(tmp_path / "log.csv", text(["time,temp", *rows]))], tmp_path / "log.toml")
+    assert look.logs[0].log.period_s == pytest.approx(0.2, rel=0.01)
+    assert not any("if they are ms" in said for said in look.notes)
 
 
 def intermet(tmp_path):
