@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from itertools import product
@@ -36,7 +37,9 @@ _TIMES = (
     "%H:%M:%S.%f", "%H:%M:%S", "%H:%M:%S:%f", "%I:%M:%S %p", "%I:%M:%S.%f %p", "%H:%M", "%I:%M %p", "%H.%M.%S",
     "%H_%M_%S", "%H%M%S", "%H %M %S", "%H %M",
 )  # fmt: skip
-_ZONES = (" UTC", " GMT")  # behind a time, as many services write it: a format of strptime has it as it stands
+_YEAR_LAST = ("%b %d %H:%M:%S %Y", "%d %b %H:%M:%S %Y")  # "Mon Sep 28 16:18:02 EDT 2020": of C's ctime, Unix's date
+_WEEKDAY = re.compile("(?:Mon|Tue|Wed|Thu|Fri|Sat|Sun)([a-z]*)(,? )")
+_ZONE = re.compile(r":\d\d(?:\.\d+)?(?: ?[AP]M)?( [A-Z]{3,5})(?: \d{4})?$")  # a format has it as it stands
 
 # A date whose parts stand in a column each; a month and a minute may both be called mm, and are then told by capitals.
 _PARTS = {
@@ -161,19 +164,25 @@ def guess_format(cells: Sequence[str], may_be_iso: bool = True) -> tuple[str | N
     if not texts or sum(NUMBER.fullmatch(text) is not None for text in texts) > len(texts) / 2:
         return None, ""
     some = texts[:: max(1, len(texts) // 40)]
-    for zone in _ZONES:
-        if sum(text.endswith(zone) for text in some) > 0.9 * len(some):
-            format_, doubt = guess_format([text.removesuffix(zone) for text in some], may_be_iso=False)
-            return (None if format_ in (None, OF_DAY) else f"{format_}{zone}"), doubt
+    zones = Counter(found[1] for text in some if (found := _ZONE.search(text)))
+    zone, count = zones.most_common(1)[0] if zones else ("", 0)
+    if count > 0.9 * len(some):
+        format_, doubt = guess_format([text.replace(zone, "", 1) for text in some], may_be_iso=False)
+        return (None if format_ in (None, OF_DAY) else re.sub("( %Y)?$", rf"{zone}\1", format_, count=1)), doubt
+    days = [found for text in some if (found := _WEEKDAY.match(text))]
+    if len(days) > 0.9 * len(some):
+        format_, doubt = guess_format([_WEEKDAY.sub("", text) for text in some], may_be_iso=False)
+        before = ("%A" if days[0][1] else "%a") + days[0][2]
+        return (None if format_ in (None, OF_DAY) else before + format_), doubt
     if may_be_iso and _share(_is_iso, some) > 0.9:
         return ISO, ""
     if _share(lambda text: re.fullmatch(r"\d{1,3}:\d{1,2}(:\d{1,2}([.,]\d+|:\d{3})?)?", text) is not None, some) > 0.9:
         return OF_DAY, ""
-    every = (day + (between + hour if hour else "") for day, between, hour in product(_DATES, _BETWEEN, (*_TIMES, "")))
+    every = [day + (between + hour if hour else "") for day, between, hour in product(_DATES, _BETWEEN, (*_TIMES, ""))]
     first = some[0]
     fitting = [
         f
-        for f in dict.fromkeys(every)
+        for f in dict.fromkeys([*every, *_YEAR_LAST])
         if _like(first, f) and _fits(first, f) and sum(_fits(t, f) for t in some) > 0.9 * len(some)
     ]
     if not fitting:
@@ -281,6 +290,8 @@ def _is_iso(text: str) -> bool:
 def _like(text: str, format_: str) -> bool:
     """Whether a text without blanks at its ends has the letters and marks of a format; strptime, which compiles a
     pattern for each format anew, is then asked."""
+    if ("%p" in format_) != (re.search(" [ap]m$", text, re.I) is not None):
+        return False
     worded = "%b" in format_ or "%p" in format_
     if any(map(str.isalpha, text)) != (worded or "T" in format_):
         return False

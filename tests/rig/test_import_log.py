@@ -1004,6 +1004,20 @@ def test_what_is_taken_for_granted_of_the_time_is_said(tmp_path, capsys):
         assert any(said in note for note in shockrig.import_log(log).notes)
 
 
+@pytest.mark.parametrize("stamp", ["%a %b %d %H:%M:%S %Y", "%a %b %d %H:%M:%S EDT %Y", "%a %d %b %H:%M:%S BST %Y"])
+def test_dates_as_a_shell_writes_them_are_times(tmp_path, stamp):
+    """`Mon Sep 28 16:18:02 EDT 2020`, of Unix's date and C's ctime: no column of times was seen."""
+    begins = datetime(2020, 9, 28, 23, 50, tzinfo=UTC)
+    rows = [
+        f"{38.9 + 5 * (k > 40) + 0.01 * (k % 3):.3f}C,{(begins + timedelta(seconds=30 * k)).strftime(stamp)}"
+        for k in range(100)
+    ]
+    look = look_at([written(tmp_path / "log.csv", text(rows))], tmp_path / "log.toml")
+    log = look.logs[0].log
+    assert log.period_s == 30.0 and log.time_s[-1] - log.time_s[0] == 99 * 30.0
+    assert look.steps[0][0].step.at_s == pytest.approx(40.5 * 30.0, abs=30.0)
+
+
 def test_seconds_of_a_long_log_are_no_milliseconds(tmp_path):
     """Of 30,000 rows, five a second, "of which 30 pass between readings": between those picked from all of it."""
     rows = [f"{k // 5},{20 + 10 * (k > 15_000) + 0.01 * (k % 7):.2f}" for k in range(30_000)]
@@ -1093,6 +1107,8 @@ def test_a_long_log_is_read_in_little_room(tmp_path):
         ("2026/05/03 12:30:05", "%Y/%m/%d %H:%M:%S"),
         ("3-May-2026 1:30 pm", "%d-%b-%Y %I:%M %p"),
         ("2026_5_3_9_30_5", "%Y_%m_%d_%H_%M_%S"),
+        ("Sun May  3 09:30:05 CEST 2026", "%a %b %d %H:%M:%S CEST %Y"),
+        ("Sun, 03 May 2026 09:30:05 GMT", "%a, %d %b %Y %H:%M:%S GMT"),
     ],
 )
 def test_a_text_is_tried_in_formats_of_its_own_marks_only(monkeypatch, text, format_):
