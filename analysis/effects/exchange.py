@@ -16,7 +16,6 @@ from shockrig.analysis.estimate.effect import (
     Needs,
     Parameter,
     Start,
-    Values,
     Words,
 )
 from shockrig.analysis.physics.air_exchange import Stream, temperature_ratio, vapour_ratio, ventilation_ratio
