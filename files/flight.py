@@ -88,7 +88,7 @@ NAMES: dict[str, tuple[str, ...]] = {
         "altitudem", "altitude", "xqimetxqaltitude", "alt", "height", "altagl", "altmsl", "altitudeasl", "altitudeagl",
         "altitudemsl", "z", "gpsaltitude", "gpsalt", "altgps", "hght", "hgt", "gph", "geopotentialheight", "heightmsl",
         "heightasl", "heightagl", "altitudegps", "baroaltitude", "altitudebaro", "barometricaltitude", "baroalt",
-        "barometeraltitude", "barometeralt", "pressurealtitude",
+        "barometeraltitude", "barometeralt", "pressurealtitude", "hgtmsl",
     ),
     "vertical_speed": (
         "verticalspeedms", "verticalspeed", "risespeedms", "risespeed", "climbratems", "climbrate", "vspeed",

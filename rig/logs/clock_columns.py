@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,6 +68,9 @@ def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequ
         return by_parts
     unit_of = {name: unit_of_clock(name, units[k]) for k, name in enumerate(names)}
     called = [name for name in names if is_called_time(name)]
+    for name, seconds in pairwise(names):
+        if name in called and (unit_of[name], unit_of[seconds]) == ("min", "s") and _below_sixty(columns[seconds]):
+            return TimeColumns((name, seconds), NUMBERS)
     for name in [*called, *names[:3]]:
         format_, doubt = guess_format(columns[name])
         if format_ is None:
@@ -101,6 +104,11 @@ def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequ
         if (clock := counted_clock(name, columns[name], unit_of[name], named=False)) is not None:
             return clock
     return None
+
+
+def _below_sixty(cells: Sequence[str]) -> bool:
+    """Whether a column's numbers are seconds of a minute that another column counts."""
+    return all(NUMBER.fullmatch(cell) is not None and 0.0 <= float(cell) < 60.0 for cell in cells)
 
 
 def unit_of_clock(name: str, under: str) -> str | None:

@@ -204,7 +204,7 @@ def _read_plain(
     lines: Scan, layout: Layout, columns: Sequence[Column], clock: TimeColumns
 ) -> tuple[list[NDArray[Any]], dict[str, _Read]] | None:
     """As `_read_columns`, of a log of nothing but numbers between commas; None of any other."""
-    if lines.separator != "," or lines.decimal != "." or clock.format != NUMBERS:
+    if lines.separator != "," or lines.decimal != "." or clock.format != NUMBERS or len(clock.columns) > 1:
         return None
     read = {column.name: _Read() for column in columns}
     stamps: list[NDArray[Any]] = []

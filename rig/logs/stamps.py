@@ -28,7 +28,8 @@ STILL_ROWS = 10  # that bear one stamp or two are not timed by it
 class TimeColumns:
     """Which columns tell the time and how.
 
-    `format` is "iso", "number" (of `unit`), "time of day" or a strptime format for the columns joined by a blank.
+    `format` is "iso", "number" (of `unit`; of several columns each counts sixty of the next, minutes and seconds),
+    "time of day" or a strptime format for the columns joined by a blank.
     `since_1970`: the numbers are dates. `doubt` says what was taken for granted, for the user to check. `every_s`: no
     column tells the time, and rows come so many seconds apart. `known` is "named" where the log itself names the
     unit of its times, "rising" where nothing but that its numbers rise speaks for a column, else "stated": by a map,
@@ -67,10 +68,13 @@ def parsed(clock: TimeColumns, columns: Mapping[str, NDArray[Any]]) -> NDArray[A
     if clock.every_s is not None:
         return np.zeros(0)
     if clock.format == NUMBERS:
-        counts = pd.Series(columns[clock.columns[0]])
-        if counts.dtype.kind not in "fiu":  # some loggers write the unit into every cell
-            counts = counts.astype("str").str.replace(r"(?<=[\d.])\s*[a-zA-Zµμ]{1,6}$", "", regex=True)
-        return pd.to_numeric(counts, errors="coerce").to_numpy(dtype=float)
+        total = np.zeros(len(columns[clock.columns[0]]))
+        for name in clock.columns:
+            counts = pd.Series(columns[name])
+            if counts.dtype.kind not in "fiu":  # some loggers write the unit into every cell
+                counts = counts.astype("str").str.replace(r"(?<=[\d.])\s*[a-zA-Zµμ]{1,6}$", "", regex=True)
+            total = 60.0 * total + pd.to_numeric(counts, errors="coerce").to_numpy(dtype=float)
+        return total
     joined = pd.Series(columns[clock.columns[0]], dtype="str").str.strip()
     for name in clock.columns[1:]:
         joined = joined + " " + pd.Series(columns[name], dtype="str").str.strip()

@@ -22,7 +22,15 @@ from shockrig.files.disk import shown
 from shockrig.files.named_readings import SAMPLE_LINES
 from shockrig.files.sentinels import NO_VALUE_WORDS
 from shockrig.files.spelling import did_you_mean
-from shockrig.files.unit_names import is_called_time, is_unit, known_unit, unique_names, unit_among, unit_by_letter
+from shockrig.files.unit_names import (
+    UNITS,
+    is_called_time,
+    is_unit,
+    known_unit,
+    unique_names,
+    unit_among,
+    unit_by_letter,
+)
 from shockrig.rig.bench_errors import BenchError
 from shockrig.rig.logs.behind_names import unfolded
 from shockrig.rig.logs.lines import Index, Lines, read_lines
@@ -334,7 +342,7 @@ def _header(
     layout: Layout,
 ) -> tuple[tuple[str, ...], tuple[str, ...], int]:
     """Names, units and the line of the names (0 where there are none, and the columns have numbers)."""
-    nothing = ("",) * width
+    units = nothing = ("",) * width
     ends_at = _ends(plain[first : first + SAMPLE_LINES], width) if separator == " " else None
 
     def cells(line: str) -> list[str]:
@@ -350,8 +358,14 @@ def _header(
         return [cell.strip() for cell in found]
 
     def aligned(names: list[str]) -> list[str]:
-        """One name too few, and no separator at the end of rows: the first column, row names or stamps, has none."""
+        """One name too few: it stands above two columns that blanks part, a date and its time of day or minutes and
+        seconds; else, where no separator ends the rows, the first column, row names or stamps, has none."""
         rows = [cells(line) for line in plain[first : first + SAMPLE_LINES]]
+        if separator == " " and len(names) == width - 1:
+            for k in (k for k, name in enumerate(names) if is_called_time(name)):
+                dated = _share_with(":", rows, k) < 0.5 < _share_with(":", rows, k + 1)
+                if dated or all(known_unit(unit) in UNITS["time"] for unit in units[k : k + 2]):
+                    return [*names[: k + 1], *names[k:]]
         ends = any(len(row) == width and row[-1] for row in rows)
         short = len(names) == width - 1 and ends and not is_called_time(names[0])
         return ["", *names] if short else names
@@ -365,7 +379,6 @@ def _header(
     named = [(match[1], over.number(i)) for i, line in enumerate(over) if (match := LISTED.match(line))]
     if len(named) == width:  # a line each, as Sea-Bird and Lockheed Martin write them
         return unique_names([name for name, _ in named], width), nothing, named[-1][1]
-    units = nothing
     for i in range(first - 1, -1, -1):
         found = cells(plain[i])
         if len(found) not in (width, width - 1):
@@ -396,6 +409,12 @@ def _header(
         if whole and not any(cell[:1].isdecimal() and is_value(cell) for cell in found):
             return unique_names(found, width), units, over.number(i)
     return tuple(str(k + 1) for k in range(width)), nothing, 0
+
+
+def _share_with(mark: str, rows: Sequence[Sequence[str]], place: int) -> float:
+    """Of the rows that reach a place, the share whose cell there has a mark in it."""
+    cells = [row[place] for row in rows if len(row) > place]
+    return sum(mark in cell for cell in cells) / max(len(cells), 1)
 
 
 def _ends(rows: Sequence[str], width: int) -> tuple[int, ...] | None:

@@ -561,3 +561,32 @@ def test_nothing_is_said_of_a_sensor_that_is_not_taken(tmp_path, capsys):
     text = "\n".join(["time;temp_in;hum_in;temp_out;hum_out", *rows])
     status, said = run(tmp_path, capsys, text)
     assert status == 0 and "temperature 'temp_out' is taken, and not 'temp_in'" in said and "missing" not in said
+
+
+def two_columns_under_one_name(kind):
+    if kind == "a date and its time":
+        rows = [f"2020-01-01 12:{s // 60:02d}:{s % 60:02d} {20 - s / 100:.2f} {40 + s / 50:.1f}" for s in range(600)]
+        return ["Time Temp RH", *rows]
+    names = "    Time  AscRate  Hgt/MSL  Temp   RH   Dir"  # as Vaisala's DigiCORA writes them
+    units = " min  s      m/s        m  degC    %   deg"
+    rows = [
+        f"{s // 60:4d} {s % 60:2d} {5.0:8.1f} {100 + 5 * s:8d} {20 - s / 100:5.2f} {40 + s / 50:.1f} {90:3d}"
+        for s in range(4000)
+    ]
+    return [names, units, *rows]
+
+
+@pytest.mark.parametrize("kind", ["a date and its time", "minutes and seconds"])
+def test_a_time_in_two_columns_under_one_name_moves_no_other(tmp_path, capsys, kind):
+    """The names behind it had moved by one: the temperature was read as the humidity, or the humidity as a temperature,
+    and the first column's minutes as times."""
+    lines = two_columns_under_one_name(kind)
+    status, said = run(tmp_path, capsys, "\n".join(lines))
+    assert status == 0 and "temperature 'Temp'" in said and "humidity 'RH'" in said and "stamps" not in said
+    given = pandas.read_csv(tmp_path / "out.csv")
+    rows = len(given)
+    np.testing.assert_allclose(np.diff(given.time_s), 1.0)
+    np.testing.assert_allclose(given.temperature_c, 20 - np.arange(rows) / 100, atol=0.006)
+    np.testing.assert_allclose(given.humidity_percent, 40 + np.arange(rows) / 50, atol=0.06)
+    if kind == "minutes and seconds":
+        np.testing.assert_allclose(given.altitude_m, 100 + 5 * np.arange(rows))
