@@ -54,6 +54,7 @@ def demand_one_sensor(lines: Scan, clock: TimeColumns, time_s: Array, values: Ma
     SeveralError
         Names the column that says whose a row is, and the remedy.
     """
+    time_s = np.where(_came_twice(time_s, values), np.nan, time_s)
     moments = time_s[np.isfinite(time_s)]
     if clock.every_s is not None or moments.size < 2 * LEAST_ROWS:
         return
@@ -82,6 +83,14 @@ def demand_one_sensor(lines: Scan, clock: TimeColumns, time_s: Array, values: Ma
                 name,
                 said,
             )
+
+
+def _came_twice(time_s: Array, values: Mapping[str, Array]) -> NDArray[np.bool_]:
+    """Rows with the stamp and the readings of the row before: a message that two stations heard is of one sensor."""
+    twice = np.append(False, np.diff(time_s) == 0.0)
+    for value in values.values():
+        twice[1:] &= (value[1:] == value[:-1]) | np.isnan(value[1:]) & np.isnan(value[:-1])
+    return twice
 
 
 def _codes(lines: Scan, place: int) -> NDArray[np.intp]:
