@@ -395,7 +395,7 @@ def _header(
             if said:
                 units = tuple((found + [""])[:width])
             continue
-        if said > len(found) / 2:
+        if said > len(found) / 2 or _is_a_row(found, [cells(line) for line in plain[first : first + SAMPLE_LINES]]):
             break
         return unique_names(aligned(found), width), units, plain.number(i)
     # The names may stand in a comment: "# time temperature humidity".
@@ -409,6 +409,13 @@ def _header(
         if whole and not any(cell[:1].isdecimal() and is_value(cell) for cell in found):
             return unique_names(found, width), units, over.number(i)
     return tuple(str(k + 1) for k in range(width)), nothing, 0
+
+
+def _is_a_row(found: Sequence[str], rows: Sequence[Sequence[str]]) -> bool:
+    """Whether a line holds a reading with its unit where rows hold readings of that unit: it is none of names."""
+    columns = zip(*(row for row in rows if len(row) == len(rows[0])), strict=True)
+    pairs = ((unit_in_cells([cell]), column) for cell, column in zip(found, columns, strict=False))
+    return any(unit is not None and unit == unit_in_cells(column) for unit, column in pairs)
 
 
 def _share_with(mark: str, rows: Sequence[Sequence[str]], place: int) -> float:

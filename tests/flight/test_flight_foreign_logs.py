@@ -590,3 +590,25 @@ def test_a_time_in_two_columns_under_one_name_moves_no_other(tmp_path, capsys, k
     np.testing.assert_allclose(given.humidity_percent, 40 + np.arange(rows) / 50, atol=0.06)
     if kind == "minutes and seconds":
         np.testing.assert_allclose(given.altitude_m, 100 + 5 * np.arange(rows))
+
+
+def test_a_message_that_two_stations_heard_is_of_one_sensor(tmp_path, capsys):
+    """A tracker's rows by radio: the stations that passed them on had been some twenty sensors of one balloon."""
+    heard = np.random.default_rng(3).integers(0, 20, 160)
+    rows = []
+    for i, station in enumerate(heard):
+        reading = "" if i % 4 == 0 else f"{20 - 0.05 * i:.2f}"
+        for by in (station, (station + 1) % 20)[: 1 + (i % 4 < 2)]:
+            rows.append(f"2023-04-28 12:{i // 6:02d}:{i % 6}0,WIDE-K{by}x,{reading}")
+    status, said = run(tmp_path, capsys, "\n".join(["Time,Path,Temperature", *rows]))
+    assert status == 0 and "sensors" not in said
+
+
+def test_a_row_that_lacks_a_cell_is_no_line_of_names(tmp_path, capsys):
+    """A tracker's first message, without the last word of the others: its readings had been the columns' names."""
+    stamps = [f"2024-04-08 12:{i // 60:02d}:{i % 60:02d}" for i in range(300)]
+    rows = [f"{at} K-12: {29 - i / 50:.2f}C  {984 - i:.2f}hPa 4.4V !w" for i, at in enumerate(stamps)]
+    status, said = run(tmp_path, capsys, "\n".join([rows[0].replace(" !w", ""), *rows[1:]]))
+    assert status == 0 and "29.00C" not in said and "984.00hPa" not in said
+    given = pandas.read_csv(tmp_path / "out.csv")
+    np.testing.assert_allclose(given.temperature_c, 29 - np.arange(1, 300) / 50, atol=0.006)
