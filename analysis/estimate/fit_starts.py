@@ -196,14 +196,17 @@ def unstuck(problem: Problem, found: Fit, iterations: int = MOST_STEPS) -> Fit:
 
 
 def _across_reading(problem: Problem, found: Fit) -> Array | None:
-    """Deviations with all starts beyond the readings next to them, where all are unrecorded and every run misfits.
+    """Deviations with all starts beyond the readings next to them, where all are unrecorded and every run misfits: of
+    a run alone, or of records that all begin with their response.
 
     The objective has a valley between each two readings. A scan that holds the rest goes from one to the other where
-    other runs say what the rest is. Of a run alone, or of records that all begin with their response, starts, shares
-    and rates are found together in each of them: two exponentials that begin earlier are two with other shares.
+    other runs, or plateaus, say what the rest is. There starts, shares and rates are found together in each of them:
+    two exponentials that begin earlier are two with other shares.
     """
     channel = problem.channel
-    if channel.conditions.start_known.any() or (run_misfit(problem, found) <= STUCK_MEAN_SQUARE).any():
+    if channel.conditions.start_known.any() or (channel.runs > 1 and (channel.begun_s == 0.0).any()):
+        return None
+    if (run_misfit(problem, found) <= STUCK_MEAN_SQUARE).any():
         return None
     moved = found.deviations.copy()
     for run, start_s in enumerate(found.deviations[:, RunEffect.START]):
