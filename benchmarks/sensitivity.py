@@ -94,11 +94,8 @@ OF_HUMS = (
     "BESIDE_WIDTHS", "AROUND_WIDTHS", "LEFT_OUT_SIGMAS", "BURST_SIGMAS", "A_HANDFUL",
     "EXPECTED_SHARE", "NEAR_TURN", "FEWEST_TURNS", "TURN_CELLS", "LEAST_READINGS", "FEWEST_PLATEAUS",
 )  # fmt: skip
-CODES = "estimate.coarse_codes.NOT_GAUSSIAN"
-MEANS = [*(f"level:{name}" for name in ("average_gain", "average_unlikely", "hidden_noise")), CODES]
 NUMBERS_OF = {
     "hidden": [f"level:{name}" for name in THRESHOLDS],
-    "logger": MEANS,
     "untimed": ["diagnose.held_out.STARTS_TRIED"],
     "grown": [
         "design.evidence.FALSE_ALARMS",
@@ -107,7 +104,7 @@ NUMBERS_OF = {
     "hums": [f"diagnose.hums.{name}" for name in OF_HUMS],
 }
 AS_IT_IS = "as it is"
-# Modules of the room diagnose whose numbers a search reads.
+# Modules of the room diagnose whose numbers a search reads, as it does all of the room estimate.
 SEARCHING = frozenset({"search", "candidates", "grammar", "prepare", "adequacy", "hums"})
 # Others that it reads, or what makes a channel ready for it.
 SEARCHED = {f"level:{name}" for name in ("effect", "form", "factor", "named", "anything", "hidden_noise")}
@@ -115,8 +112,7 @@ SEARCHED |= {
     f"design.{name}"
     for name in ("targets.FEWEST_RUNS", "recorded_so_far.VARIED_RATIO", "recorded_so_far.OTHER_PRESSURE")
 }
-SEARCHED |= {"physics.air_exchange.DEW_FALLS_K", "estimate.noise.AVERAGED_KNOWN_TO", CODES}
-SEARCHED.add("estimate.predictive.MISFITS")
+SEARCHED.add("physics.air_exchange.DEW_FALLS_K")
 _SEARCHES: dict[Any, Any] = {}
 
 
@@ -127,10 +123,10 @@ def _folder() -> Path:
     return Path(folder)
 
 
-def numbers_in(room: str) -> list[str]:
+def numbers_in(room: str, module: str = "*") -> list[str]:
     """All constants of the modules of a room of the analysis that hold a number: `room.module.NAME`."""
     home, found = Path(diagnosing.__file__).parents[1], []
-    for path in sorted((home / room).glob("*.py")):
+    for path in sorted((home / room).glob(f"{module}.py")):
         for line in ast.parse(path.read_text(encoding="utf-8")).body:
             if isinstance(line, ast.Assign) and any(isinstance(part, ast.Constant) for part in ast.walk(line.value)):
                 names = [one.id for to in line.targets for one in ast.walk(to) if isinstance(one, ast.Name)]
@@ -311,6 +307,8 @@ KINDS: dict[str, Callable[[int], list[Line]]] = {
 }
 
 
+NUMBERS_OF["logger"] = [f"level:{name}" for name in ("average_gain", "average_unlikely", "hidden_noise")]
+NUMBERS_OF["logger"] += numbers_in("estimate", "coarse_codes")
 NUMBERS_OF["planned"] = [*numbers_in("design"), *(one for one in numbers_in("plan") if not one.startswith(FLYING))]
 NUMBERS_OF["planned"].append("design.evidence.REJECTED_FROM")
 NUMBERS_OF["flown"] = [one for one in numbers_in("plan") if one.startswith(FLYING) and not one.endswith(NO_THRESHOLDS)]
@@ -320,7 +318,8 @@ def changed(name: str, factor: float) -> Rule:
     """A number times a factor; where no search reads it, what the search of the same problem found is not sought
     anew."""
     instead = {name: scaled(number_of(name), factor)}
-    if not (name.startswith("diagnose.") and name.split(".")[1] in SEARCHING or name in SEARCHED):
+    room, *module = name.split(".")
+    if not (room == "estimate" or (room == "diagnose" and module[0] in SEARCHING) or name in SEARCHED):
         instead["diagnose.diagnose.search"] = _remembered
     if name.startswith(FLYING):
         instead["plan.decide_flight.expected_nats"] = _remembered_nats
@@ -334,11 +333,11 @@ def _begun(shock: PlannedShock, *args: Any, lead_s: float, **named: Any) -> None
     PLANNED(shock, *args, **given | named)
 
 
-def _remembered(problem: Any, base: Any, earlier: Any, describing: bool) -> Any:
+def _remembered(problem: Any, base: Any, earlier: Any, describing: bool, plain_at: Any) -> Any:
     """A search, once for each campaign's channel as it is searched."""
     key = problem.channel.name, base.ids, describing, repr(earlier), problem.channel.value.tobytes()
     if key not in _SEARCHES:
-        _SEARCHES[key] = search(problem, base, earlier, describing)
+        _SEARCHES[key] = search(problem, base, earlier, describing, plain_at)
     return _SEARCHES[key]
 
 

@@ -162,6 +162,7 @@ def choose_runs(
 
 
 Shown = Mapping[str, tuple[float, float, float]]  # what runs show by themselves, see `by_themselves`
+SAME_DEVIANCE = 2.0  # a factor e in the likelihood, within which two fits are one
 WORST_RELATIVE = 0.5  # a diffusivity or a response time known no better than this is none
 
 
@@ -207,13 +208,10 @@ def _ended(problem: Problem, found: Fit, noise: Noise) -> Part:
     """A fit as it is stated: with errors of a coarse rounding as they come about its signal, in airs that drift where
     these explain the runs."""
     if noise.step:
-        problem, noise = with_errors_of_codes(problem, noise, found)
+        problem, _ = with_errors_of_codes(problem, noise, found)
         found = unstuck(problem, fit(problem, found.structure, found.theta, found.deviations))
     problem, found = where_airs_drift(problem, found)
     return make_part(problem, labelled(problem, found), noise)
-
-
-SAME_DEVIANCE = 2.0  # a factor e in the likelihood, within which two fits are one
 
 
 def make_part(problem: Problem, found: Fit, noise: Noise) -> Part:

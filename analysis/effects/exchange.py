@@ -135,9 +135,7 @@ def _before_nothing(channel: Channel, lag_s: float, bare: Callable[[], Array]) -
     first, last = reading[:, :1], reading[:, -1:]
     moved = (np.abs(last - first) > channel.quantity.least_step)[:, 0]
     left = 1.0 - (reading - first) / np.where(moved[:, None], last - first, 1.0)
-    since = np.where(channel.count > 0, np.maximum(channel.time_s, 0.0), 0.0)
-    order = np.argsort(since, axis=1)
-    since, left = np.take_along_axis(since, order, axis=1), np.take_along_axis(left, order, axis=1)
+    since = np.maximum.accumulate(np.where(channel.count > 0, channel.time_s, 0.0).clip(0.0), axis=1)
     late_s = (np.diff(since, axis=1, prepend=0.0) * left).sum(axis=1)
     return bool(moved.any() and (late_s[moved] < NO_LAG * lag_s).all())
 

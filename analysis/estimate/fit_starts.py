@@ -23,7 +23,7 @@ from shockrig.analysis.estimate.model import LOG_RATE_BOUNDS, PLAIN, Model, Poin
 from shockrig.analysis.estimate.problem import Problem
 from shockrig.analysis.estimate.quantity import RunEffect
 from shockrig.analysis.physics.bodies import BODIES
-from shockrig.analysis.physics.chain import JUMP_K
+from shockrig.analysis.physics.chain import jumps
 from shockrig.analysis.physics.modes import response_times
 
 Array = NDArray[np.float64]
@@ -137,7 +137,7 @@ def scanned_starts(problem: Problem, found: Fit) -> Array | None:
     misfits = run_misfit(problem, found) > STUCK_MEAN_SQUARE
     scanned = misfits if plainly_wrong(problem, found) else misfits | ~known
     if channel.jumps_with_air:
-        scanned &= np.abs(channel.conditions.thermal_step_k) <= JUMP_K  # elsewhere samples at the jump are muted
+        scanned &= ~jumps(channel.conditions)  # elsewhere samples at the jump are muted
     if not scanned.any():
         return None
     index = np.flatnonzero(scanned)

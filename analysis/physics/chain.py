@@ -313,14 +313,18 @@ def discrete_gauss(count: int, nodes: int) -> tuple[Array, Array]:
     return values + 0.5 * (count - 1), vectors[0] ** 2
 
 
+def jumps(conditions: Conditions) -> NDArray[np.bool_]:
+    """Runs (R,) in which RH that is read at the air's temperature jumps with it: as recorded, since no model may choose
+    to be asked nothing."""
+    return np.abs(conditions.thermal_step_k) > JUMP_K
+
+
 def at_jump(chain: Chain, candidate: int = 0) -> NDArray[np.bool_]:
     """Bins (R, n) of one candidate that stand so near a jump of the reading that they say nothing.
 
     RH read at the air's temperature jumps with it: 10 K are worth as much as the whole transient.
     """
     time = chain.time_s[candidate]
-    # As recorded: no model may choose to be asked nothing.
-    stepped = np.abs(chain.channel.conditions.thermal_step_k) > JUMP_K
     # What slows all candidates alike stands there once.
     ramp = np.zeros(()) if chain.ramp_s is None else chain.ramp_s[min(candidate, len(chain.ramp_s) - 1)]
     reads_as_air = chain.channel.jumps_with_air and not (chain.at_die_temperature or chain.by_activity)
@@ -330,4 +334,4 @@ def at_jump(chain: Chain, candidate: int = 0) -> NDArray[np.bool_]:
     shifts = chain.channel.reading_period_s * np.arange(chain.averaged)
     until = np.broadcast_to(ramp, (time.shape[0],))[:, None] + JUMP_S
     late = [(time - shift > -JUMP_S) & (time - shift < until) for shift in shifts]
-    return stepped[:, None] & np.any(late, axis=0) & (chain.channel.count > 0)
+    return jumps(chain.channel.conditions)[:, None] & np.any(late, axis=0) & (chain.channel.count > 0)
