@@ -144,6 +144,8 @@ def gain_squared(response: LagResponse, frequency_hz: Array, period_s: float) ->
 
 SHRINKAGE_LN = 0.25  # ln of how far one segment's strengths lie from the typical one's
 GRID_STEP = 0.3  # of ln strength
+LOUDER_STEP = 0.15  # of ln noise, in which a segment's is looked for above the flight's
+LOUDEST = 2.1  # of ln noise above the flight's: eight times it, and what is louder is a burst
 COARSER_FACTOR = 4  # times: steps that a segment's likelihood is first looked for at
 UNLIKELY_NATS = (
     100.0  # of log-likelihood: more than lies between one such point and what is best beside it, and what counts
@@ -299,8 +301,13 @@ def fit_windows(
     common: Prior,
     passing: Passing | None = None,
     parts: int = 1,
+    *,
+    spread: float,
 ) -> Prior:
-    """Strengths of each segment (s, n), most of which are alike, fronts are not; the noise is the flight's.
+    """Strengths of each segment (s, n), most of which are alike, fronts are not; the noise is the flight's or louder.
+
+    A segment's is known within a factor exp(`spread`) of the flight's. What is louder than that at frequencies which
+    the lag takes away would else be air, of as many times the strength as the lag takes of it.
 
     ln strength lies about the typical one as Cauchy's distribution of width `SHRINKAGE_LN`. Of the typical bend the
     logarithm may be anything, of the typical turbulence the strength itself: no air is still, and where readings cannot
@@ -326,20 +333,28 @@ def fit_windows(
         squares.append((strength * size).astype(np.float32))
     power = (power / known).astype(np.float32)
 
-    def cost(k: int, rows: slice, columns: slice) -> NDArray[np.float32]:
+    def cost(k: int, rows: slice, columns: slice, ln_louder: float) -> NDArray[np.float32]:
         model = squares[0][rows, None, None] * shapes[0][k] + squares[1][columns, None] * shapes[1][k]
-        model += np.float32(1.0)
+        model += np.float32(np.exp(2.0 * ln_louder))
         ratio = power[k] / model
         ratio += np.log(model, out=model)
         return ratio @ weight
 
     likely = np.zeros((len(reading), grids[0].size, grids[1].size), dtype=np.float32)
     every = slice(None, None, COARSER_FACTOR)
+    louder = np.zeros(len(reading))
     for k in range(len(reading)):
-        coarse = cost(k, every, every)
+        least = np.inf
+        for ln_factor in np.arange(0.0, LOUDEST, LOUDER_STEP):
+            tried = cost(k, every, every, ln_factor)
+            about, beside = (_around(tried.min(axis=1 - i) == tried.min(), grids[i].size) for i in (0, 1))
+            lowest = float(cost(k, about, beside, ln_factor).min()) + 0.5 * (ln_factor / spread) ** 2
+            if lowest >= least:
+                break
+            coarse, least, louder[k] = tried, lowest, ln_factor
         near = coarse < coarse.min() + UNLIKELY_NATS
         where = _around(near.any(axis=1), grids[0].size), _around(near.any(axis=0), grids[1].size)
-        fine = cost(k, *where)
+        fine = cost(k, *where, louder[k])
         likely[k][where] = np.exp(fine.min() - fine)
     prior = [1.0 / (1.0 + ((grid[:, None] - grid) / SHRINKAGE_LN) ** 2) for grid in grids]
     prior = [(k / k.sum(axis=1, keepdims=True)).astype(np.float32) for k in prior]
@@ -353,9 +368,9 @@ def fit_windows(
     turbulent, bent = np.sqrt(share.sum(axis=2) @ strengths[0]), np.sqrt(share.sum(axis=1) @ strengths[1])
     if common.instead is not None:
         # a trend that falls less steeply than the air's takes the part of its turbulence
-        other = fit_windows(reading, response, period_s, common.instead, passing, parts).turbulence
+        other = fit_windows(reading, response, period_s, common.instead, passing, parts, spread=spread).turbulence
         turbulent = np.sqrt((1.0 - common.share) * turbulent**2 + common.share * other**2)
-    return Prior(turbulent, bent, common.noise * np.ones(len(reading)), smooth=common.smooth)
+    return Prior(turbulent, bent, common.noise * np.exp(louder), smooth=common.smooth)
 
 
 def _around(near: NDArray[np.bool_], size: int) -> slice:

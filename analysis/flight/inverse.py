@@ -339,7 +339,7 @@ def _estimate(
         np.interp(rows, time, air),
         np.full(rows.shape, variance),
         np.interp(rows, time, clean),
-        1.0,
+        np.ones(rows.shape),
         cutoff,
         amplified=amplified,
     )

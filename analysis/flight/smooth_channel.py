@@ -132,7 +132,8 @@ def with_jumps(
     known by now, and the steps (n,) of the sensor itself, without which the readings are swept.
 
     `known_s` (j, 2) are times between which another sensor saw the air jump: there, if anywhere near. `loud` (n,) are
-    readings in bursts of noise, and at nodes about those that `stepped` (n,) no step of the sensor is looked for.
+    readings in bursts of noise, and `stepped` (n,) those where the sensor's own steps are known: about neither is one
+    looked for.
     """
     jumps, own = none(values.size) if jumps is None else jumps, np.zeros(values.size)
     found = swept(track, values, variance, local, jumps)
@@ -151,7 +152,7 @@ def with_jumps(
             places = _standing_out(places, found.jump_score)
         places = places[np.argsort(-np.abs(np.nan_to_num(found.jump_score[places])).max(axis=1), kind="stable")]
         # beside a jump of the air that is not in yet all residuals are off
-        also = places if places.size else _own_places(track, values, variance, found, stepped | (own != 0.0))
+        also = places if places.size else _own_places(track, values, variance, found, stepped | loud | (own != 0.0))
         if not also.size or known + places.size > MOST_JUMPS:
             break
         before = own.copy()
@@ -209,8 +210,8 @@ class OwnStep:
 
 
 def _own_step(around: Neighbourhood, jumps: Jumps, near: int) -> OwnStep | None:
-    """The likeliest step of the sensor itself about a node, between two readings; None where there are no such, or none
-    that leaves the readings as they may be."""
+    """The likeliest step of the sensor itself about a node, between two readings; None where there are no such, where
+    one reading by itself is likelier to be off, or where the step leaves the readings as they may not be."""
     nodes, read = around.nodes, np.isfinite(around.variance)
     places = near + np.array(OWN_NEIGHBOURS)
     places = places[(places > nodes[0]) & (places <= nodes[-1])]
@@ -219,8 +220,8 @@ def _own_step(around: Neighbourhood, jumps: Jumps, near: int) -> OwnStep | None:
         return None
     here = Jumps(jumps.variance[nodes], jumps.place[nodes])
     unit = float(around.local.noise[near])
-    # the log-likelihood of readings that are off is a parabola of by how much
-    behind = unit * (nodes >= places[:, None])
+    # the log-likelihood of readings that are off is a parabola of by how much: all behind, or one by itself
+    behind = unit * np.concatenate([nodes >= places[:, None], nodes == places[:, None], nodes == places[:, None] - 1])
     off = np.concatenate([np.zeros((1, nodes.size)), behind, -behind])
     cost = around.costs([here] * len(off), off)
     more, less = cost[1:].reshape(2, -1) - cost[0]
@@ -232,6 +233,8 @@ def _own_step(around: Neighbourhood, jumps: Jumps, near: int) -> OwnStep | None:
     square = bend * size**2
     own = cost[0] - 0.5 * square**2 / (square + 1.0) + 0.5 * np.log1p(square)
     best = int(np.argmin(own))
+    if best >= places.size:
+        return None
     of_best = size[best] * behind[best : best + 1]
     if around.misfit(here, of_best) > MOST_SURPRISE:
         return None
@@ -588,7 +591,7 @@ class Estimate:
     """Arrays (n,): the air, its variance (of the smoother alone) and the clean reading; NaN where too little was
     measured.
 
-    `noise_factor`: fitted over expected noise, one sigma; `cutoff_hz`: of the low-pass, where the method has one;
+    `noise_factor` (n,): fitted over expected noise, one sigma; `cutoff_hz`: of the low-pass, where the method has one;
     `resolved_rate`: angular frequency [1/s] above which the air is not resolved; `amplified`: variance of the reading's
     noise in an inverse's air; `jumps_s`: times at which the air jumped, where the method looks for them, and `breaks`
     (b, 2) at which it or its slope did or seems to have, with the sigmas of a jump; `own_steps`: by how much the sensor
@@ -601,7 +604,7 @@ class Estimate:
     air: Array
     variance: Array
     clean: Array
-    noise_factor: float
+    noise_factor: Array
     cutoff_hz: float | None = None
     resolved_rate: float = 30.0
     amplified: float = 0.0
@@ -653,12 +656,14 @@ def estimate(
     on = _on_nodes(time_s, reading, usable, response, delay_s, passing)
     if on is None:
         nothing = np.full(time_s.shape, np.nan)
-        return Estimate(nothing, nothing, nothing, 1.0)
+        return Estimate(nothing, nothing, nothing, np.ones(time_s.shape))
     track, along = on.track, on.track.along
     strengths = _strengths(on, usable, noise_variance, rounding, loud)
     local = strengths(on.bridged)
-    noise_factor = float(local.noise[0] / strengths.noise[0]) if rounding is None else 1.0
-    variance = np.where(on.measured, noise_variance[on.row] * noise_factor**2, np.inf)
+    noise_factor = local.noise / strengths.noise if rounding is None else np.ones(on.row.shape)
+    # in a burst the noise was measured
+    variance = noise_variance[on.row] * np.where(strengths.loud, 1.0, noise_factor) ** 2
+    variance = np.where(on.measured, np.maximum(variance, (strengths.noise * noise_factor) ** 2), np.inf)
     known_s = np.zeros((0, 2)) if jumped_s is None else jumped_s
     known = np.zeros(on.row.shape, dtype=bool) if stepped is None else stepped[on.row] & on.measured
     found, local, jumps, own = with_jumps(track, on.bridged, variance, local, strengths, known_s, strengths.loud, known)
@@ -673,8 +678,8 @@ def estimate(
         found, local, stays, nats, steady = stairs.found, stairs.local, stairs.stays, stairs.nats, stairs.steady
         if stairs.more is not None:
             jumps, broken = stairs.more[0], breaks(track, *stairs.more)
-    every = found.air, found.variance + stays, found.clean, stays, steady
-    air, node_variance, clean, staying, steady = (np.interp(time_s, track.time_s, v) for v in every)
+    every = found.air, found.variance + stays, found.clean, stays, steady, noise_factor
+    air, node_variance, clean, staying, steady, factor = (np.interp(time_s, track.time_s, v) for v in every)
     middle = slice(on.row.size // 2, on.row.size // 2 + 1)
     rate = resolved_rate(as_usual(local).each(lambda strength: strength[middle]), along.at(middle), track.period_s)
     if rounding is not None:
@@ -689,7 +694,7 @@ def estimate(
         air,
         node_variance,
         clean,
-        noise_factor,
+        factor,
         resolved_rate=rate,
         jumps_s=when(track, jumps),
         breaks=broken,
@@ -748,7 +753,7 @@ def _of_samples(
     on: OnNodes,
     variance: Array,
     brief: NDArray[np.bool_],
-    noise_factor: float,
+    noise_factor: Array,
     jumps: Jumps,
     also: Jumps,
     found: Sweep,
@@ -1147,7 +1152,7 @@ def _local_priors(
     def judged(segments: Array) -> tuple[Prior, Prior]:
         rows = along.at(middle[some])
         common = fit_prior(segments[some], rows, period, typical, few, spread=spread, parts=parts)
-        return common, fit_windows(segments, along.at(middle), period, common, through, parts)
+        return common, fit_windows(segments, along.at(middle), period, common, through, parts, spread=spread)
 
     common, local = judged(segments)
     strongest = local.turbulence
@@ -1155,6 +1160,6 @@ def _local_priors(
         # a wave is one frequency, and a spectrum that falls from it would take turbulence's part beside it
         strongest = np.maximum(strongest, judged(without_wave(segments))[1].turbulence)
     nodes = np.arange(bridged.size)
-    own = (strongest * relative, local.bend * relative)
-    turbulence, bend = (np.exp(np.interp(nodes, middle, np.log(value))) for value in own)
-    return Prior(turbulence, bend, common.noise / typical * noise, smooth=common.smooth)
+    own = (strongest * relative, local.bend * relative, local.noise / typical)
+    turbulence, bend, factor = (np.exp(np.interp(nodes, middle, np.log(value))) for value in own)
+    return Prior(turbulence, bend, factor * noise, smooth=common.smooth)

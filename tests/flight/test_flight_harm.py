@@ -663,7 +663,9 @@ def test_weak_turbulence_that_no_segment_shows_alone_is_found_by_all_together():
         segments, rows = values[starts[:, None] + np.arange(size)], np.ones((starts.size, 1))
         response = LagResponse(rows, rate * rows, np.zeros(starts.size))
         common = fit_prior(segments, response, period, noise, spread=0.3)
-        ratios.append(np.log(np.median(fit_windows(segments, response, period, common).turbulence) / strength))
+        ratios.append(
+            np.log(np.median(fit_windows(segments, response, period, common, spread=0.3).turbulence) / strength)
+        )
     assert abs(np.mean(ratios)) < 0.25
     assert np.std(ratios) < 0.5
 
@@ -810,14 +812,40 @@ def test_humidity_beside_a_temperature_that_no_air_has_is_no_nonsense():
         assert as_humidity(np.array([50.0]), np.array([-273.2]), np.array([0.1])) < 1.0
 
 
-def _of_slow_sensor(seed, size, at_s=60.03):
-    """A sensor of 3 s in turbulent air, that reads `size` more from some time on, and the air."""
-    time_s, rng = 0.1 * np.arange(1200), np.random.default_rng(seed)
-    air, decay = _air(0.02, 0.1, 1200, rng), np.exp(-0.1 / 3.0)
+def _of_slow_sensor(seed, size, at_s=60.03, count=1200, until_s=np.inf, louder=1.0, turbulence=0.02):
+    """A sensor of 3 s in turbulent air, that from some time on, and until another, reads `size` more and is so many
+    times as noisy, and the air."""
+    time_s, rng = 0.1 * np.arange(count), np.random.default_rng(seed)
+    air, decay = _air(turbulence, 0.1, count, rng), np.exp(-0.1 / 3.0)
     lagged = lfilter([1.0 - decay], [1.0, -decay], air, zi=[decay * air[0]])[0]
-    reading = lagged + size * (time_s > at_s) + 0.02 * rng.standard_normal(1200)
-    response = LagResponse(np.ones((1200, 1)), np.full((1200, 1), 1.0 / 3.0), np.zeros(1200))
-    return air, estimate(time_s, reading, np.ones(1200, dtype=bool), response, np.full(1200, 0.02**2))
+    there = (time_s > at_s) & (time_s < until_s)
+    reading = lagged + size * there + 0.02 * np.where(there, louder, 1.0) * rng.standard_normal(count)
+    response = LagResponse(np.ones((count, 1)), np.full((count, 1), 1.0 / 3.0), np.zeros(count))
+    return air, estimate(time_s, reading, np.ones(count, dtype=bool), response, np.full(count, 0.02**2))
+
+
+@pytest.mark.parametrize("turbulence", (0.003, 0.02))
+@pytest.mark.parametrize("louder", (1.6, 3.0))
+def test_a_stretch_with_more_noise_is_no_stronger_air(louder, turbulence):
+    """Half a minute of ten. Before: air that swings by 2 to 900 times its own."""
+    errors, covered = [], []
+    for seed in range(4):
+        air, found = _of_slow_sensor(seed, 0.0, 300.03, 6000, 330.03, louder, turbulence)
+        off = (found.air - air)[3001:3301]
+        errors.append(rms(off) / turbulence)
+        covered.append(np.mean(np.abs(off) < 1.96 * np.sqrt(found.variance[3001:3301])))
+        np.testing.assert_allclose(np.median(found.noise_factor[3100:3200]), louder, rtol=0.25)
+    assert max(errors) < (3.5 if turbulence < 0.01 else 1.5)
+    assert np.mean(covered) > 0.85
+
+
+@pytest.mark.parametrize("size", (-0.3, 1.0, -5.0))
+def test_one_reading_that_is_off_is_no_step_of_the_sensor(size):
+    """Before: of some the sensor had changed, and of others the air swung by 20 to 130 times its own."""
+    for seed in range(4):
+        air, found = _of_slow_sensor(seed, size, until_s=60.13)
+        assert not found.own_steps.any()
+        assert rms(found.air - air) < 1.3 * 0.02
 
 
 @pytest.mark.parametrize("size", (0.25, -0.8))
