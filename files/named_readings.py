@@ -17,12 +17,14 @@ _DAY = r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}"
 _HOUR = r"\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d+)?)?(?:\s?[AaPp][Mm]\b)?(?:Z|[+-]\d{2}:?\d{2})?"
 STAMP = re.compile(rf"(?<![\d.:/-]){_DAY}(?:(?:T|,?\s+){_HOUR})?(?![\d:])|(?<![\d:]){_HOUR}(?![\d:])")
 _NAME = r"[A-Za-z]\w{0,24}(?: [A-Za-z]\w{0,24}){0,2}(?: \d{1,2})?(?:\s?[\[(][^\])]{1,9}[\])])?"  # and its unit
+# no unit: "Soil" of "Soil Humidity: 122" behind a number, but "C" of "C Humidity: 41"
+_NEXT = r"(?!(?!Celsius|Kelvin|Fahrenheit|Percent)[A-Z][a-z]+(?: [A-Za-z]\w{0,24}){1,2}(?: \d{1,2})?\s?[=:])"
 # a name, what it is told apart by, a time or a number, and a unit
 NAMED = re.compile(
     rf"(?<![\w.°*])(?:(?:and|und|y|et) )?({_NAME})"
     r"[\"']{0,2}\s{0,3}[=:]\s{0,3}\[?[\"']{0,2}"
     rf"(?:({STAMP.pattern})|([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)(?!\d|[.:,]\d)"
-    r"\s?((?:[°º*]\s?)?[A-Za-z]{1,10}(?:/[A-Za-z]{1,4})?\b(?!\s?[=:])|%)?)"
+    rf"\s?((?:[°º*]\s?)?{_NEXT}[A-Za-z]{{1,10}}(?:/[A-Za-z]{{1,4}})?\b(?!\s?[=:])|%)?)"
 )
 LONGEST = 4000  # characters of a line: no board prints more, and a whole file of JSON may stand in one
 SAMPLE_LINES = 200  # that tell which names there are
@@ -61,7 +63,8 @@ class NamedReadings:
 
 
 def named_readings(stretches: Iterable[Iterable[str]]) -> NamedReadings | None:
-    """How some stretches of a log's lines hold readings; None of a log that has no temperature or humidity so.
+    """How some stretches of a log's lines hold readings; None of a log that has no temperature or humidity so, and of
+    one record, as settings are.
 
     A record ends where a name comes again. Names are those that most records have.
     """
@@ -71,7 +74,10 @@ def named_readings(stretches: Iterable[Iterable[str]]) -> NamedReadings | None:
     if speaking <= MOST * len(some):
         return None
     stamped = sum(_stamp(one.rest) is not None for one in some) > MOST * speaking
-    records = [one for stretch in held for one in _records(stretch) if one is not None and one.values]
+    by_stretch = [[one for one in _records(stretch) if one is not None and one.values] for stretch in held]
+    if max(map(len, by_stretch)) < 2:  # settings
+        return None
+    records = [one for those in by_stretch for one in those]
     count = Counter(name for one in records for name in one.values)
     names = tuple(name for name, n in count.items() if n > MOST * len(records))
     columns = [_column(name, [one.values[name][1] for one in records if name in one.values]) for name in names]

@@ -89,8 +89,8 @@ def import_log(
     with as_python(), tempfile.TemporaryDirectory() as temporary, _named(Path(temporary)):
         paths = _files(log, Path(temporary))
         said, seen = _map(paths, columns, map, sensor, airflow_m_s, pressure_hpa, Path(temporary))
-        whose = said.layout.only if map is None else None
-        imported = import_logs(paths, said, sensor if whose is None else None)
+        by_rows = map is None and bool(said.layout.only)
+        imported = import_logs(paths, said, None if by_rows else sensor)
         made = [one for one in imported.campaigns if one.runs]
         if len(made) > 1:
             listed = ", ".join(repr(one.sensor) for one in made)

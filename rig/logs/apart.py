@@ -7,8 +7,8 @@ reads once at a time: rows that bear one stamp, or stamps that were there alread
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from itertools import pairwise
+from collections.abc import Mapping, Sequence
+from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +61,7 @@ def demand_one_sensor(lines: Scan, clock: TimeColumns, time_s: Array, values: Ma
     forth = -1.0 if newest_first(moments) else 1.0
     again = int((forth * np.diff(moments) <= 0.0).sum())
     some = lines.sample()
+    in_part: dict[str, NDArray[np.intp]] = {}
     for place, name in enumerate(lines.names):
         cells = [row[place] for row in some]
         if name in clock.columns or name in values or not 1 < len(set(cells)) <= len(cells) / LEAST_ROWS:
@@ -73,16 +74,25 @@ def demand_one_sensor(lines: Scan, clock: TimeColumns, time_s: Array, values: Ma
             continue
         whose = _codes(lines, place)
         if again and not _goes_on_apart(whose, forth * time_s, again, clock):
+            in_part |= {name: whose} if may_follow else {}
             continue
         if may_follow or _take_turns(whose) and (is_called or _jumps(whose, values)):
-            said = tuple(dict.fromkeys(cells))
-            raise SeveralError(
-                f"{shown(lines.path)}: its rows are of {len(said)} sensors, told apart by the column {name!r} "
-                f"({', '.join(said[:5])}{', ...' if len(said) > 5 else ''}); state one in the map, [log] only = "
-                f'{{ "{name}" = "{said[0]}" }}',
-                name,
-                said,
-            )
+            raise _several(lines, name, cells)
+    for (one, first), (other, second) in combinations(in_part.items(), 2):  # what of which sensor, in two columns
+        if _goes_on_apart(first * (second.max() + 1) + second, forth * time_s, again, clock):
+            name = min(one, other, key=lambda name: _left(in_part[name], forth * time_s))
+            raise _several(lines, name, [row[lines.names.index(name)] for row in some])
+
+
+def _several(lines: Scan, name: str, cells: Sequence[str]) -> SeveralError:
+    said = tuple(dict.fromkeys(cells))
+    return SeveralError(
+        f"{shown(lines.path)}: its rows are of {len(said)} sensors, told apart by the column {name!r} "
+        f"({', '.join(said[:5])}{', ...' if len(said) > 5 else ''}); state one in the map, [log] only = "
+        f'{{ "{name}" = "{said[0]}" }}',
+        name,
+        said,
+    )
 
 
 def _came_twice(time_s: Array, values: Mapping[str, Array]) -> NDArray[np.bool_]:
@@ -112,11 +122,16 @@ def _goes_on_apart(whose: NDArray[np.intp], time_s: Array, again: int, clock: Ti
 
     A clock that counts anew for each says nothing of when that was; dates that were there are another's.
     """
+    rows = np.isfinite(time_s).sum()
+    return _left(whose, time_s) <= LEFT * again and bool(clock.is_dated or again >= AGAIN * rows)
+
+
+def _left(whose: NDArray[np.intp], time_s: Array) -> int:
+    """How many rows have a stamp that does not go on from that of the sensor's row before."""
     there = np.isfinite(time_s)
     whose, moments = whose[there], time_s[there]
     order = np.argsort(whose, kind="stable")
-    left = (np.diff(moments[order])[np.diff(whose[order]) == 0] <= 0.0).sum()
-    return bool(left <= LEFT * again and (clock.is_dated or again >= AGAIN * moments.size))
+    return int((np.diff(moments[order])[np.diff(whose[order]) == 0] <= 0.0).sum())
 
 
 def _jumps(whose: NDArray[np.intp], values: Mapping[str, Array]) -> bool:

@@ -69,18 +69,18 @@ def look_at(
         A log cannot be read, has no sensor or no time, or another layout than the first.
     """
     refused: list[ImpossibleError] = []
-    several: SeveralError | None = None
+    several: list[SeveralError] = []
     while True:
         try:
-            return _look(paths, map_path, progress, refused, several)
+            return _look(paths, map_path, progress, refused, several, sensor)
         except ImpossibleError as fault:
             refused.append(fault)  # a name promises nothing: the log is looked at without that column
         except SeveralError as fault:
-            if several is not None:
+            if any(fault.column == one.column for one in several):
                 raise
             measured = ("temperature", "humidity")
             mine = sorted(fault.values, key=lambda value: (value != sensor, quantity_of(value, None) not in measured))
-            several = SeveralError(str(fault), fault.column, tuple(mine))
+            several.append(SeveralError(str(fault), fault.column, tuple(mine)))
 
 
 def _look(
@@ -88,11 +88,12 @@ def _look(
     map_path: Path,
     progress: Callable[[str], None],
     refused: Sequence[ImpossibleError],
-    several: SeveralError | None,
+    several: Sequence[SeveralError],
+    sensor: str | None,
 ) -> LogLook:
     """As `look_at`, without the columns that were refused; a further one that cannot be what it is called is refused
     in its turn."""
-    layout = Layout(only=None if several is None else (several.column, several.values[0]))
+    layout = Layout(only=tuple((one.column, one.values[0]) for one in several))
     scans = [scan(path, layout) for path in paths]
     for other in scans[1:]:
         if other.names != scans[0].names:
@@ -120,10 +121,13 @@ def _look(
     notes = (*_units_in_doubt(guess), *_not_used(guess))
     if guess.clock is not None and guess.clock.doubt:
         notes = (f"time: {guess.clock.doubt}", *notes)
-    whose = () if several is None else several.values
-    if several is not None:
-        others = _shorter(", ".join(whose[1:]))
-        notes = (f"the rows of {several.column} {whose[0]} alone; others, for [log] only in the map: {others}", *notes)
+    for one in several:
+        mine, *others = one.values
+        notes = (
+            f"the rows of {one.column} {mine} alone; others, for [log] only in the map: {_shorter(', '.join(others))}",
+            *notes,
+        )
+    whose = min((one.values for one in several), key=lambda values: values[0] != sensor, default=())
     return LogLook(text, parse_map(text, map_path), tuple(logs), tuple(steps), notes, whose)
 
 
@@ -137,14 +141,14 @@ def columns_of(path: Path, refused: Sequence[ImpossibleError] = ()) -> LogMap:
     guess = _recognised(seen, refused)
     if guess.clock is not None and guess.clock.known == RISING:
         raise BenchError(f"{shown(path)}: no column is called a time; {guess.clock.columns[0]} merely rises")
-    return parse_map(_head([seen], guess, path, None) + _sensors(guess, {}, None), path)
+    return parse_map(_head([seen], guess, path, ()) + _sensors(guess, {}, None), path)
 
 
-def _recognised(first: Scan, refused: Sequence[ImpossibleError] = (), several: SeveralError | None = None) -> Guess:
+def _recognised(first: Scan, refused: Sequence[ImpossibleError] = (), several: Sequence[SeveralError] = ()) -> Guess:
     """What a log's columns are, where it has a time and, beside the columns that were refused, a sensor."""
     guess = guess_log(first, [fault.column for fault in refused])
-    if several is not None:
-        guess = replace(guess, unused=tuple(one for one in guess.unused if one[0] != several.column))
+    told_apart_by = {one.column for one in several}
+    guess = replace(guess, unused=tuple(one for one in guess.unused if one[0] not in told_apart_by))
     if refused and not guess.sensors:
         raise BenchError(f"{refused[0]}, or name another column (it has: {', '.join(first.names)})")
     if guess.clock is None or not guess.sensors:
@@ -208,7 +212,7 @@ def _list(columns: Sequence[str]) -> str:
     return names if len(columns) == 1 else f"[{names}]"
 
 
-def _head(scans: Sequence[Scan], guess: Guess, map_path: Path, several: SeveralError | None) -> str:
+def _head(scans: Sequence[Scan], guess: Guess, map_path: Path, several: Sequence[SeveralError]) -> str:
     assert guess.clock is not None
     clock, first = guess.clock, scans[0]
     names = " ".join(one.path.name for one in scans)
@@ -229,10 +233,10 @@ def _head(scans: Sequence[Scan], guess: Guess, map_path: Path, several: SeveralE
         lines.append(
             _line(f"time_format = {_text(clock.format)}", clock.doubt or ("ISO 8601" if clock.format == ISO else ""))
         )
-    if several is not None:
-        mine, *others = several.values
-        only = f"only = {{ {_text(several.column)} = {_text(mine)} }}"
-        lines.append(_line(only, f"whose rows; others: {_shorter(', '.join(others))}"))
+    if several:
+        only = ", ".join(f"{_text(one.column)} = {_text(one.values[0])}" for one in several)
+        others = "; ".join(_shorter(", ".join(one.values[1:])) for one in several)
+        lines.append(_line(f"only = {{ {only} }}", f"whose rows; others: {others}"))
     lines += [f"# {_shorter(said)}\n" for said in first.metadata[:12]]
     return "".join(lines)
 

@@ -16,7 +16,7 @@ from shockrig.rig.logs.mapping import LogMap, StepMap
 from shockrig.rig.logs.onset import StepOnset, fit_onset
 from shockrig.rig.logs.sensor_logs import SensorLog
 from shockrig.rig.logs.stamps import to_map, to_seconds
-from shockrig.rig.logs.steps import Cluster, StepInLog, find_steps, groups_of
+from shockrig.rig.logs.steps import Cluster, StepInLog, find_steps, groups_of, sensor_of
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class LogStep:
         """The sensors that moved; of a step that the map gives to some sensors, these."""
         if self.said is not None and self.said.sensors:
             return self.said.sensors
-        return tuple(dict.fromkeys(move.channel.rsplit(".", 1)[0] for move in self.step.moves))
+        return tuple(dict.fromkeys(sensor_of(move.channel) for move in self.step.moves))
 
 
 def steps_of(sensors: SensorLog, map_: LogMap, several: bool = False) -> tuple[LogStep, ...]:
@@ -61,12 +61,12 @@ def steps_of(sensors: SensorLog, map_: LogMap, several: bool = False) -> tuple[L
     said = _of_this_log(sensors.log.path, map_, several)
     pieces = [sensors.channels(k, map_.least) for k in range(len(sensors.log.pieces))]
     groups = [groups_of(channels, map_.merge_s) for channels in pieces]
+    found = [
+        step
+        for k, channels in enumerate(pieces)
+        for step in _beside(find_steps(channels, k, groups[k]), channels, map_)
+    ]
     if not said:
-        found = [
-            step
-            for k, channels in enumerate(pieces)
-            for step in _beside(find_steps(channels, k, groups[k]), channels, map_)
-        ]
         return _with_quiet([LogStep(n, step) for n, step in enumerate(found, start=1)], pieces, groups)
     placed = sorted((_place(sensors, map_, step) for step in said), key=lambda item: (item[1], item[2]))
     unsure_s = [
@@ -78,13 +78,18 @@ def steps_of(sensors: SensorLog, map_: LogMap, several: bool = False) -> tuple[L
     steps = []
     for n, ((one, piece, at_s), step) in enumerate(zip(placed, bare, strict=True)):
         where = f"{shown(map_.path)}: key step[{one.number}]"
-        beside_s = [other.at_s for other in bare if other.piece == piece]
-        moves: list[StepOnset] = []
+        beside = [(s, other.sensors) for other, k, s in placed if k == piece]
+        moves = _as_found(step, beside, found)
+        timed = {sensor_of(move.channel) for move in moves}
+        moves = [move for move in moves if not one.sensors or sensor_of(move.channel) in one.sensors]
         for place, channel in enumerate(pieces[piece]):
             # What others did meanwhile is no answer to a step that a person gives to some sensors.
-            if one.sensors and channel.name.rsplit(".", 1)[0] not in one.sensors:
+            if sensor_of(channel.name) in timed or one.sensors and sensor_of(channel.name) not in one.sensors:
                 continue
-            seen_s = [*beside_s, *(change.time_s for change in changes_of(others[piece], place))]
+            seen_s = [
+                *_of_sensor(beside, channel.name),
+                *(change.time_s for change in changes_of(others[piece], place)),
+            ]
             since_s = max((s for s in seen_s if s < at_s), default=-np.inf)
             until_s = min((s for s in seen_s if s > at_s), default=np.inf)
             moves += _moves([channel], at_s, one.uncertainty_s, since_s, until_s)
@@ -116,13 +121,13 @@ def _beside(steps: Sequence[StepInLog], channels: Sequence[LogPiece], map_: LogM
     """Steps with what each sensor did whose reference moved and that is too slow to show a change of its own."""
     whole = []
     for k, step in enumerate(steps):
-        moved = {move.channel.rsplit(".", 1)[0] for move in step.moves}
+        moved = {sensor_of(move.channel) for move in step.moves}
         slow = {name for name, one in map_.sensors.items() if moved & set(one.reference)} - moved
         since_s = steps[k - 1].at_s if k else -np.inf
         until_s = steps[k + 1].at_s if k + 1 < len(steps) else np.inf
-        theirs = [channel for channel in channels if channel.name.rsplit(".", 1)[0] in slow]
+        theirs = [channel for channel in channels if sensor_of(channel.name) in slow]
         moves = _moves(theirs, step.at_s, step.uncertainty_s, since_s, until_s)
-        names = tuple(dict.fromkeys(move.channel.rsplit(".", 1)[0] for move in moves))
+        names = tuple(dict.fromkeys(sensor_of(move.channel) for move in moves))
         whole.append(replace(step, moves=(*step.moves, *moves), beside=names))
     return whole
 
@@ -163,6 +168,25 @@ def _place(sensors: SensorLog, map_: LogMap, step: StepMap) -> tuple[StepMap, in
         first, last = (to_map(log.clock, log.origin_s, s) for s in (spans[0][0], spans[-1][1]))
         raise BenchError(f"{where}.at: {step.at} is not within the readings of {shown(log.path)} ({first} to {last})")
     return step, candidates[0], at_s
+
+
+def _of_sensor(beside: Sequence[tuple[float, Sequence[str]]], channel: str) -> list[float]:
+    """When the stated steps were that are given to a channel's sensor, or to all."""
+    return [at_s for at_s, sensors in beside if not sensors or sensor_of(channel) in sensors]
+
+
+def _as_found(
+    step: StepInLog, beside: Sequence[tuple[float, Sequence[str]]], found: Sequence[StepInLog]
+) -> list[StepOnset]:
+    """The moves of a step that is stated when one is found, as a first map states it: they are timed by the windows
+    that show them, and not by `at` anew. None where another stated step lies on their way."""
+    same = [one for one in found if one.piece == step.piece and abs(one.at_s - step.at_s) <= one.uncertainty_s]
+    nearest = min(same, key=lambda one: abs(one.at_s - step.at_s), default=step)
+    return [
+        move
+        for move in nearest.moves
+        if not any(step.at_s < at_s < move.reached_s for at_s in _of_sensor(beside, move.channel))
+    ]
 
 
 def _moves(

@@ -10,12 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shockrig.files.flight import NAMES
-from shockrig.files.unit_names import UNITS, bare_name, how_near, is_called_time, quantity_of, squeeze, unit_by_letter
+from shockrig.files.unit_names import (
+    UNITS,
+    bare_name,
+    how_near,
+    is_called_time,
+    known_unit,
+    quantity_of,
+    squeeze,
+    unit_by_letter,
+)
 from shockrig.rig.logs.clock_columns import guess_clock
 from shockrig.rig.logs.known import SensorGuess, adjust
 from shockrig.rig.logs.mapping import COLUMNS
 from shockrig.rig.logs.stamps import NUMBERS, TimeColumns
-from shockrig.rig.logs.text import NUMBER, Scan, is_value, unit_of_all, unit_said
+from shockrig.rig.logs.text import NUMBER, Scan, is_of_units, is_value, unit_said, units_of
 
 Array = NDArray[np.float64]
 
@@ -58,7 +67,7 @@ def guess_log(lines: Scan, impossible: Collection[str] = ()) -> Guess:
     unused: list[tuple[str, str]] = []
     read: list[tuple[str, str, str, list[str]]] = []
     for k, name in enumerate(lines.names):
-        if name in times or unit_of_all(lines, k, rows):
+        if name in times or is_of_units(name) and not any(is_value(row[k]) for row in rows):
             continue
         if name in impossible:
             unused.append((name, IMPOSSIBLE))
@@ -81,6 +90,7 @@ def guess_log(lines: Scan, impossible: Collection[str] = ()) -> Guess:
             continue
         read.append((name, quantity, unit, own))
         _, lettered = unit_by_letter(name, lines.names) if quantity == "temperature" else (None, name)
+        lettered = _beside_humidity(name, lines.names) or lettered
         key = sensor_key(re.sub(r" #\d+$", "", lettered))
         if quantity in POSITION or (quantity in ("pressure", "airflow") and not key):
             shared.append((quantity, name, unit, how))
@@ -175,12 +185,22 @@ def _position(name: str) -> str | None:
 
 
 def _of_a_pair(name: str, names: Sequence[str]) -> str | None:
-    """A column whose name goes on as the other one's of a sensor does: RHsamp beside TEMPsamp is a humidity, T_SHT4x
-    beside RH_SHT4x a temperature."""
+    """A column whose name goes on as the other one's of a sensor does: RHsamp beside TEMPsamp and h1 beside t1 are
+    humidities, T_SHT4x beside RH_SHT4x a temperature."""
+    if _beside_humidity(name, names) is not None:
+        return "humidity"
     if re.match("rh[a-z]", name, re.I) is not None:
         temperatures = {sensor_key(other) for other in names if quantity_of(other, None) == "temperature"}
         return "humidity" if sensor_key(name) in temperatures else None
     return "temperature" if name[:2] in ("T_", "T ") and f"RH{name[1:]}" in names else None
+
+
+def _beside_humidity(name: str, names: Sequence[str]) -> str | None:
+    """The temperature t1 of a humidity h1, by their names; None of any other column."""
+    if re.match(r"h[ _]?\d", name, re.I) is None:
+        return None
+    same = (other for other in names if other.lower() == f"t{name[1:].lower()}")
+    return next((other for other in same if quantity_of(other, None) == "temperature"), None)
 
 
 def _of_its_sensor(name: str, names: Sequence[str], rows: Sequence[Sequence[str]]) -> str | None:
@@ -188,6 +208,9 @@ def _of_its_sensor(name: str, names: Sequence[str], rows: Sequence[Sequence[str]
     sensor.attic_temperature. Of several sensors the first one that says it."""
     if bare_name(name).lower() not in VALUES:
         return None
+    beside = units_of(names, names.index(name))
+    if beside is not None and any(row[beside] and known_unit(row[beside]) is None for row in rows):
+        return None  # by its unit it is of another quantity
     said = (cell for k in range(len(names)) for cell in dict.fromkeys(row[k] for row in rows))
     return next(
         (quantity for cell in said if (quantity := quantity_of(cell, None)) in ("temperature", "humidity")), None

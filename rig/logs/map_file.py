@@ -195,14 +195,11 @@ def _step(number: int, table: FileTable, sensors: Mapping[str, SensorMap]) -> St
     )
 
 
-def _only(log: FileTable) -> tuple[str, str] | None:
+def _only(log: FileTable) -> tuple[tuple[str, str], ...]:
     said = log.mapping("only").content
-    if not said:
-        return None
-    (column, value), *more = said.items()
-    if more or not isinstance(value, str | int) or isinstance(value, bool):
-        raise log.wrong("only", 'one column and what stands in it, such as { sensor_id = "A" }')
-    return column, str(value)
+    if any(not isinstance(value, str | int) or isinstance(value, bool) for value in said.values()):
+        raise log.wrong("only", 'columns and what stands in them, such as { sensor_id = "A" }')
+    return tuple((column, str(value)) for column, value in said.items())
 
 
 def _facts(table: FileTable) -> dict[str, Any]:

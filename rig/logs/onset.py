@@ -76,7 +76,8 @@ def fit_onset(channel: LogPiece, change: ChangePoint, since_s: float, until_s: f
         stretch = (time_s >= since_s) & (time_s < change.time_s - 0.5 * period)
     last = stretch & (time_s >= change.time_s - LEVEL_WIDTHS * change.width_s)  # of what drifted: where it began
     rest = value[last if last.sum() >= 3 else stretch]
-    before = float(np.median(rest)) if rest.size else float(value[0])
+    last_before = max(int(np.searchsorted(time_s, change.time_s)) - 1, 0)
+    before = float(np.median(rest)) if rest.size else float(value[last_before])
     following = (time_s > change.time_s) & (time_s <= until_s)
     later_s, later = time_s[following], value[following]
     after = _settled(later_s - change.time_s, later, before)

@@ -96,13 +96,12 @@ def _decided(
 
 
 def _apart(steps: Sequence[LogStep], reasons: Mapping[int, str], name: str, is_measured: bool) -> Sequence[LogStep]:
-    """The steps that a run does not reach into: beside a measured air only what makes a run of its own, or what a
-    person says of this sensor."""
+    """The steps that a run does not reach into: those in which the sensor moved, or a person says so, and beside a
+    measured air of these only what makes a run of its own."""
     return [
         other
         for other in steps
-        if not is_measured
-        or not reasons[other.number]
+        if (name in other.moved() if not is_measured else not reasons[other.number])
         or (other.said is not None and (not other.said.sensors or name in other.said.sensors))
     ]
 

@@ -6,7 +6,7 @@ late. Changes that follow one another within few readings, with long quiet befor
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -42,7 +42,7 @@ class StepInLog:
 
     `why_not` says why it makes no run of its own; empty where it does. `stages` is the number of stages it came in,
     `lasted_s` how long these took. `beside` are the sensors that moved because their reference did, and show no change
-    of their own. `next_s` is when the next change of whatever kind was seen.
+    of their own. `next_s` is when the next change of whatever kind was seen, of each sensor that moved and has one.
     """
 
     piece: int
@@ -53,7 +53,7 @@ class StepInLog:
     lasted_s: float = 0.0
     why_not: str = ""
     beside: tuple[str, ...] = ()
-    next_s: float = np.inf
+    next_s: Mapping[str, float] = field(default_factory=dict)
     is_ramp: bool = False
 
     @property
@@ -69,6 +69,11 @@ class Cluster:
     time_s: float
     width_s: float
     changes: dict[int, list[ChangePoint]] = field(default_factory=dict)  # channel's place -> its changes
+
+
+def sensor_of(channel: str) -> str:
+    """The sensor whose channel has a name, SENSOR.KEY."""
+    return channel.rsplit(".", 1)[0]
 
 
 def groups_of(channels: Sequence[LogPiece], merge_s: float | None = None) -> list[list[Cluster]]:
@@ -94,14 +99,11 @@ def find_steps(
         The piece's `groups_of`, where they are known.
     """
     groups = groups_of(channels) if groups is None else groups
-    begins_s = min((float(c.time_s[0]) for c in channels if c.time_s.size), default=0.0)
-    ends_s = max((float(c.time_s[-1]) for c in channels if c.time_s.size), default=0.0)
     steps = []
     for k, group in enumerate(groups):
-        since_s = _last_s(groups[k - 1]) if k else begins_s
-        until_s = groups[k + 1][0].time_s if k + 1 < len(groups) else ends_s
-        next_s = until_s if k + 1 < len(groups) else np.inf
-        steps += [replace(step, next_s=next_s) for step in _steps(channels, group, piece, since_s, until_s)]
+        # What one sensor did ends no other's way: probes may have been moved one after the other.
+        since_s, until_s = _changed_s(channels, groups[:k], max), _changed_s(channels, groups[k + 1 :], min)
+        steps += [replace(step, next_s=until_s) for step in _steps(channels, group, piece, since_s, until_s)]
     steps.sort(key=lambda step: step.at_s)  # stages are timed by their first, which others may have followed
     return tuple(_judged(step, steps, k, channels) for k, step in enumerate(steps))
 
@@ -229,21 +231,32 @@ def _turns(channels: Sequence[LogPiece], group: Sequence[Cluster], before: Seque
     return True
 
 
-def _last_s(group: Sequence[Cluster]) -> float:
-    return max(change.time_s for cluster in group for those in cluster.changes.values() for change in those)
+def _changed_s(
+    channels: Sequence[LogPiece], groups: Sequence[Sequence[Cluster]], which: Callable[[float, float], float]
+) -> dict[str, float]:
+    """When each sensor that changes in some groups last (`max`) or first (`min`) does."""
+    found: dict[str, float] = {}
+    for cluster in (cluster for group in groups for cluster in group):
+        for place, changes in cluster.changes.items():
+            name = sensor_of(channels[place].name)
+            for change in changes:
+                found[name] = which(found.get(name, change.time_s), change.time_s)
+    return found
 
 
 def _steps(
     channels: Sequence[LogPiece],
     group: Sequence[Cluster],
     piece: int,
-    since_s: float,
-    until_s: float,
+    since: Mapping[str, float],
+    until: Mapping[str, float],
     left_out: frozenset[int] = frozenset(),
 ) -> list[StepInLog]:
-    """Time the first change of every channel that moved; none where none did more than wander.
+    """Time the first change of every channel that moved, from the last one before on until the next one of its sensor,
+    on the log's clock; none where none did more than wander.
 
-    What had surely begun before the sharpest move did is a step of its own, however wide the window that showed both.
+    What had surely begun before the sharpest move did is a step of its own, however wide the window that showed both,
+    and so is what surely began when the first had settled: a sensor that is late is not that late.
     """
     moves: dict[int, StepOnset] = {}
     stages, lasted_s = 1, 0.0
@@ -251,16 +264,17 @@ def _steps(
         mine = sorted((c for cluster in group for c in cluster.changes.get(place, ())), key=lambda c: c.time_s)
         if not mine or place in left_out:
             continue
-        end_s = min(until_s, float(channel.time_s[-1]))
+        since_s = max(since.get(sensor_of(channel.name), -np.inf), float(channel.time_s[0]))
+        end_s = min(until.get(sensor_of(channel.name), np.inf), float(channel.time_s[-1]))
         own = own_temperature(channels, place)
         if own is not None and any(own in cluster.changes for cluster in group):
             turned_s = turn_s(channel, channels[own], mine[0], end_s)
             if turned_s is not None:
                 # It comes back: only when it began is to be had of it.
-                moves[place] = fit_onset(channel, mine[0], max(since_s, float(channel.time_s[0])), turned_s)
+                moves[place] = fit_onset(channel, mine[0], since_s, turned_s)
                 continue
         # In stages the way goes on: its end is that of the step, the start is that of the first stage.
-        move = fit_onset(channel, mine[0], max(since_s, float(channel.time_s[0])), end_s)
+        move = fit_onset(channel, mine[0], since_s, end_s)
         count, last_s = count_stages(channel, move, end_s)
         if count >= MANY_STAGES:
             move = first_stage(channel, move, mine[0])
@@ -274,13 +288,27 @@ def _steps(
     sharp = min(moves.values(), key=lambda move: move.uncertainty_s)
     sharp_s = sharp.at_s - 2.0 * sharp.uncertainty_s
     earlier = {place for place, move in moves.items() if move.at_s + 2.0 * move.uncertainty_s < sharp_s}
+    # With its hygrometer a thermometer was carried too, where it may have been as early.
+    began_s = {sensor_of(moves[p].channel): moves[p].at_s + 2.0 * moves[p].uncertainty_s for p in sorted(earlier)}
+    with_it = [(place, began_s.get(sensor_of(move.channel), -np.inf)) for place, move in moves.items()]
+    earlier |= {place for place, late_s in with_it if moves[place].at_s - 2.0 * moves[place].uncertainty_s <= late_s}
     before: list[StepInLog] = []
     if earlier and stages < MANY_STAGES:
         others = frozenset(range(len(channels))) - earlier
-        before = _steps(channels, group, piece, since_s, sharp_s, left_out | others)
         moves = {place: move for place, move in moves.items() if place not in earlier}
+        ends = dict.fromkeys((sensor_of(move.channel) for move in moves.values()), sharp_s)
+        before = _steps(channels, group, piece, since, {**until, **ends}, left_out | others)
     first = min(moves.values(), key=lambda move: move.at_s + 2.0 * move.uncertainty_s)
-    return [*before, StepInLog(piece, first.at_s, first.uncertainty_s, tuple(moves.values()), stages, lasted_s)]
+    settled_s = first.at_s + SETTLED_T63 * first.t63_s + 2.0 * first.uncertainty_s
+    later = {place for place, move in moves.items() if move.at_s - 2.0 * move.uncertainty_s > settled_s}
+    after: list[StepInLog] = []
+    if later and stages < MANY_STAGES:
+        others = frozenset(range(len(channels))) - later
+        moves = {place: move for place, move in moves.items() if place not in later}
+        begins = dict.fromkeys((sensor_of(move.channel) for move in moves.values()), settled_s)
+        after = _steps(channels, group, piece, {**since, **begins}, until, left_out | others)
+    first_ = StepInLog(piece, first.at_s, first.uncertainty_s, tuple(moves.values()), stages, lasted_s)
+    return [*before, first_, *after]
 
 
 def _stands_out(channel: LogPiece, move: StepOnset, width_s: float, since_s: float, until_s: float) -> bool:
@@ -319,8 +347,11 @@ def _judged(step: StepInLog, steps: Sequence[StepInLog], k: int, channels: Seque
     """The step with the reason why its course makes no run, where there is one; how many readings it has is told by
     the window that is cut for it."""
     moved = [channel for channel in channels if channel.name in {move.channel for move in step.moves}]
-    until_s = steps[k + 1].at_s if k + 1 < len(steps) else np.inf
     ends_s = max(float(c.time_s[-1]) for c in moved)
+    until_s = dict(step.next_s)  # of each sensor: what others did meanwhile does not end its way
+    for later in steps[k + 1 :]:
+        for name in {sensor_of(move.channel) for move in later.moves}:
+            until_s[name] = min(later.at_s, until_s.get(name, np.inf))
     of_channel = {channel.name: channel for channel in moved}
     holes_s = [_hole_s(of_channel[move.channel], move) for move in step.moves]
     why, is_ramp = "", False
@@ -330,9 +361,15 @@ def _judged(step: StepInLog, steps: Sequence[StepInLog], k: int, channels: Seque
         )
     elif step.stages >= MANY_STAGES:
         why = f"came in {step.stages} stages over {short(step.lasted_s, 3)} s: the air itself took that long"
-    elif all(move.t63_s > RAMP_SHARE * (min(until_s, step.next_s, ends_s) - move.at_s) for move in step.moves):
+    elif all(
+        move.t63_s > RAMP_SHARE * (min(until_s.get(sensor_of(move.channel), np.inf), ends_s) - move.at_s)
+        for move in step.moves
+    ):
         why = "did not slow down until the next change or the end: a ramp, or too short a stretch to tell"
-    elif ramp_s := min(_ramp_s(of_channel[move.channel], move, until_s) for move in _fastest(step.moves)):
+    elif ramp_s := min(
+        _ramp_s(of_channel[move.channel], move, until_s.get(sensor_of(move.channel), np.inf))
+        for move in _fastest(step.moves)
+    ):
         why = f"a ramp, as fast until its end after {short(ramp_s, 3)} s: the air itself took that long"
         is_ramp = True
     return replace(step, why_not=why, is_ramp=is_ramp)

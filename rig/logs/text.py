@@ -52,8 +52,8 @@ DATE = re.compile(
 
 @dataclass(frozen=True)
 class Layout:
-    """How a log is laid out; None is found out. `header_line` counts from 1; 0 says that there is no header. `only` is
-    a column and what must stand in it: other rows are another sensor's. `may_be_one`: times are told otherwise, and a
+    """How a log is laid out; None is found out. `header_line` counts from 1; 0 says that there is no header. `only` are
+    columns and what must stand in them: other rows are another sensor's. `may_be_one`: times are told otherwise, and a
     column of readings is enough."""
 
     separator: str | None = None
@@ -61,7 +61,7 @@ class Layout:
     header_line: int | None = None
     comment: str | None = None
     missing: tuple[str, ...] = ()
-    only: tuple[str, str] | None = None
+    only: tuple[tuple[str, str], ...] = ()
     may_be_one: bool = False
 
 
@@ -164,8 +164,8 @@ def _scan(path: Path, layout: Layout) -> Scan:
         good[i] = False
         count, where = odd.get(reason, (0, plain.number(i)))
         odd[reason] = (count + 1, where)
-    if layout.only is not None:
-        good &= _of_one(plain, good, separator, names, layout.only, odd, path)
+    for only in layout.only:
+        good &= _of_one(plain, good, separator, names, only, odd, path)
     rows = plain.where(good)
     above = int(np.searchsorted(kept.places, plain.places[first]))
     metadata = tuple(kept[i].strip() for i in range(above) if kept.number(i) != header_line)
@@ -238,15 +238,25 @@ def unit_said(lines: Scan, place: int, rows: Sequence[Sequence[str]] = ()) -> st
     under, name = known_unit(lines.units[place]), lines.names[place]
     by_letter, _ = unit_by_letter(name, lines.names)
     said = under or unit_among(name, lines.names) or unit_in_cells([row[place] for row in rows]) or by_letter
-    return said or next((unit for k in (place - 1, place + 1) if (unit := unit_of_all(lines, k, rows))), None)
+    if said is None and (beside := units_of(lines.names, place)) is not None:
+        cells = {row[beside] for row in rows}
+        said = known_unit(*cells) if len(cells) == 1 else None
+    return said
 
 
-def unit_of_all(lines: Scan, place: int, rows: Sequence[Sequence[str]]) -> str | None:
-    """The one unit that a column of units holds; None of any other column."""
-    if not 0 <= place < len(lines.names) or not lines.names[place].lower().startswith("unit"):
+def units_of(names: Sequence[str], place: int) -> int | None:
+    """The place of the column that holds the units of another: "Temp_Unit" behind "Temp", "unit" on either side of it,
+    where both sides have one behind it if the last column is one; None where there is none."""
+    before, behind = (0 <= k < len(names) and is_of_units(names[k]) for k in (place - 1, place + 1))
+    if is_of_units(names[place]) or not (before or behind):
         return None
-    cells = {row[place] for row in rows}
-    return known_unit(*cells) if len(cells) == 1 else None
+    named_after = behind and not names[place + 1].lower().startswith("unit")
+    return place + 1 if named_after or behind and (not before or is_of_units(names[-1])) else place - 1
+
+
+def is_of_units(name: str) -> bool:
+    """Whether a column is called by the word for units: "Unit", "units", "Temp_Unit"."""
+    return re.match(r"unit|.*[ _]units?( #\d+)?$", name, re.I) is not None
 
 
 def unit_in_cells(cells: Sequence[str]) -> str | None:

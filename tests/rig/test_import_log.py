@@ -870,6 +870,78 @@ def test_a_value_is_what_a_name_in_its_row_says(tmp_path):
     assert len(look.steps[0]) == 3 and look.whose == ("Temperature 1", "Temperature 2")
 
 
+def test_rows_may_be_told_apart_by_two_columns(tmp_path, capsys):
+    """As InfluxDB exports tables: of which sensor a row is, and of what. Neither tells it by itself, so all of them
+    were one sensor's, its clock beginning anew with each table."""
+    stamps = date("%Y-%m-%dT%H:%M:%S.%fZ")
+    tables = [(what, where) for where in ("hall", "attic") for what in ("co2", "temp", "rh")]
+    of = {"co2": lambda a, b: 400.0 + a, "temp": lambda a, b: a, "rh": lambda a, b: b}
+    body = [
+        f",,{k},2026-05-01T00:00:00Z,{stamps(t)},{of[what](a, b) + k:.2f},{what},{where}"
+        for k, (what, where) in enumerate(tables)
+        for t, a, b in rows_of_log()
+    ]
+    head = ["#default,last,,,,,,", ",result,table,_start,_time,_value,_field,place"]
+    log = written(tmp_path / "influx.csv", text([*head, *body]))
+    assert run(log, "--look", "--out", tmp_path) == 0
+    said = capsys.readouterr().out
+    assert "the rows of place hall alone" in said and "[log] only in the map: rh, co2\n" in said
+    assert 'only = { "_field" = "temp", "place" = "hall" }' in (tmp_path / "influx.toml").read_text()
+    assert run(log, "--map", tmp_path / "influx.toml", "--out", tmp_path / "c") == 0
+    for one in read_campaign(tmp_path / "c").runs:
+        in_full(one.imet.time_s, one.imet.values["temperature_c"], LOG.time_s, np.round(LOG.temperature_c + 1.0, 2))
+    assert run(log, "--look", "--sensor", "rh", "--out", tmp_path / "rh") == 0
+    assert '\nhumidity = "_value"' in (tmp_path / "rh" / "influx.toml").read_text()
+    bare = '[log]\ntime = "_time"\nonly = { "place" = "hall" }\n[sensor.hall]\ntemperature = "_value"\n'
+    assert run(log, "--map", written(tmp_path / "bare.toml", bare), "--out", tmp_path / "d") == 2
+    assert "its rows are of 3 sensors, told apart by the column '_field'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("names", "sensors"), [("t1,h1,t12,h12", ["t1", "t12"]), ("T 1,H 1,T 2,H 2", ["T-1", "T-2"])])
+def test_a_humidity_is_called_as_its_temperature_is(tmp_path, names, sensors):
+    """Of h1 beside t1 it had been said that by its name it is nothing."""
+    lines = lines_of(f"time,{names}", lambda t, a, b, n: f"{t},{a},{b},{a + 1},{b + 1}")
+    look = look_at([written(tmp_path / "log.csv", text(lines))], tmp_path / "log.toml")
+    assert list(look.map.sensors) == sensors
+    assert all({"temperature", "humidity"} <= set(one.columns) for one in look.map.sensors.values())
+    lines = lines_of("time,h1,h2,temp", lambda t, a, b, n: f"{t},{a},{b},{a}")
+    look = look_at([written(tmp_path / "other.csv", text(lines))], tmp_path / "other.toml")
+    assert list(look.map.sensors) == ["temp"], "a heater's duty, for all that is known"
+
+
+def test_a_column_of_units_says_what_the_one_before_it_holds(tmp_path):
+    """As PreSens exports an optode: its oxygen had been a humidity, since the mode is humid, and its pressure in degC,
+    as the temperature before it."""
+    names = "time,Value,O2_Unit,Mode,Temp,Temp_Unit,Pressure,Pressure_Unit,T0,T0_Unit"
+    lines = lines_of(names, lambda t, a, b, n: f"{t},{b},ppm (mg/L),Humid,{a},°C,{1000 + n % 2},hPa,{a + 1},°C")
+    look = look_at([written(tmp_path / "log.csv", text(lines))], tmp_path / "log.toml")
+    assert set(look.map.sensors) == {"Temp", "T0"}
+    assert look.map.sensors["Temp"].columns["pressure"] == ("Pressure", "hPa")
+    lines = lines_of("time,temp,unit,rh,unit", lambda t, a, b, n: f"{t},{1.8 * a + 32},F,{b},%")
+    (sensor,) = look_at([written(tmp_path / "two.csv", text(lines))], tmp_path / "two.toml").map.sensors.values()
+    assert (sensor.columns["temperature"], sensor.columns["humidity"]) == (("temp", "degF"), ("rh", "percent"))
+    lines = lines_of("time,unit,temp,unit,rh", lambda t, a, b, n: f"{t},F,{1.8 * a + 32},%,{b}")
+    (sensor,) = look_at([written(tmp_path / "left.csv", text(lines))], tmp_path / "left.toml").map.sensors.values()
+    assert (sensor.columns["temperature"], sensor.columns["humidity"]) == (("temp", "degF"), ("rh", "percent"))
+
+
+def test_a_word_behind_a_number_may_begin_the_next_name(tmp_path):
+    """Of "19 Soil Humidity: 122" Soil had been a unit, and 122 a humidity."""
+    rows = [
+        f"{t} - Temp: {a:.2f} C Humidity: {b:.1f} Soil Humidity: 122 Light: 30 lux Out Temp: {a:.1f} Celsius"
+        for t, a, b in rows_of_log()
+    ]
+    log = written(tmp_path / "log.txt", text(rows))
+    assert scan(log, Layout()).behind == ("Temp (C)", "Humidity", "Soil Humidity", "Light", "Out Temp (Celsius)")
+
+
+def test_settings_that_name_a_temperature_are_no_log(tmp_path, capsys):
+    """One record is none: a run.json had been taken for a log without times."""
+    content = json.dumps({"name": "run 3", "temperature": 21.5, "humidity": 40, "duration_s": 600}, indent=1)
+    assert run(written(tmp_path / "run.json", content), "--look", "--out", tmp_path) == 2
+    assert "no column of times" not in capsys.readouterr().err
+
+
 def test_a_row_that_fills_more_of_the_names_than_the_others_is_one(tmp_path):
     """A Kestrel's first row says also where and when its session was: it stood for metadata, and was lost."""
     rows = [f"{t};{c:.2f};session" for t, c in zip(LOG.time_s, LOG.temperature_c, strict=True)]

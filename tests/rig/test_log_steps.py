@@ -14,6 +14,7 @@ from shockrig.protocols.cli import main
 from shockrig.rig.logs import steps
 from shockrig.rig.logs.changes import ChangePoint, LogPiece, noise_of, without_spikes
 from shockrig.rig.logs.first_map import look_at, said_of
+from shockrig.rig.logs.found import steps_of
 from shockrig.rig.logs.onset import fit_onset
 from shockrig.rig.logs.sensor_logs import LEAST_SHARE, least_step
 from shockrig.rig.logs.steps import find_steps
@@ -349,6 +350,41 @@ def test_the_map_of_a_first_look_says_what_was_seen(tmp_path):
     assert "63 % of temperature after" in seen.text
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_first_map_read_back_has_the_steps_that_were_seen(tmp_path, seed):
+    """They were timed anew from `at`, with other levels: of a weather sensor's dip the humidity long after it, and of
+    sensors that showed nothing a step."""
+    _, channels = carried_weather_sensor(seed)
+    (time_s, temperature_c), (_, humidity) = ((one.time_s, one.value) for one in channels)
+    late = 20.0 + 8.0 * lag(time_s - 0.6 * time_s[-1], 30.0)
+    columns = np.interp(time_s, channels[1].time_s, humidity), late
+    rows = (f"{t:.2f},{a:.2f},{b:.2f},{c:.2f}" for t, a, b, c in zip(time_s, temperature_c, *columns, strict=True))
+    log = written(tmp_path / "log.csv", "\n".join(["time_s,temp,rh,other temp", *rows]))
+    look = look_at([log], tmp_path / "log.toml")
+    for seen, again in zip(look.steps[0], steps_of(look.logs[0], look.map), strict=True):
+        assert again.step.moves == seen.step.moves
+    moved = replace(look.map, steps=[replace(one, at=one.at + 40.0) for one in look.map.steps[:1]])
+    assert steps_of(look.logs[0], moved)[0].step.moves != look.steps[0][0].step.moves
+
+
+def test_probes_that_were_plunged_one_after_the_other_are_each_followed_to_their_end():
+    """The next probe's plunge had ended the way of the one before, which was a ramp then; or all were one step, the
+    last of them at the end of a minute in which it did nothing."""
+    time_s = np.arange(0.0, 1200.0, 1.0)
+    noise = np.random.default_rng(1).normal(0.0, 0.02, (3, time_s.size))
+    begin_s = (300.0, 340.0, 420.0)
+    pieces = [
+        replace(channel_of(time_s, 20.0 + 60.0 * lag(time_s - s, 40.0) + one, "temperature"), name=f"{k}.temperature")
+        for k, (s, one) in enumerate(zip(begin_s, noise, strict=True))
+    ]
+    found = find_steps(pieces, 0)
+    assert [step.at_s for step in found] == pytest.approx(begin_s, abs=2.0)
+    for k, step in enumerate(found):
+        (move,) = step.moves
+        assert move.channel == f"{k}.temperature" and step.why_not == ""
+        assert (move.before, move.after, move.t63_s) == pytest.approx((20.0, 80.0, 40.0), rel=0.06)
+
+
 def test_times_to_63_percent_count_from_the_step_that_they_stand_under(tmp_path, capsys):
     """A sensor in a box shows a step late, and from its own start on it was faster than it is."""
     time_s = np.arange(0.0, 3000.0, 2.0)
@@ -553,3 +589,11 @@ def test_the_level_before_a_step_is_the_one_that_it_began_from():
     change = ChangePoint(5000.0, 480.0)
     move = fit_onset(channel_of(time_s, np.round(value / 0.0625) * 0.0625, "temperature"), change, 0.0, 8000.0)
     assert move.before == pytest.approx(23.8, abs=0.15) and move.after == pytest.approx(22.6, abs=0.1)
+
+
+def test_a_change_right_behind_another_begins_where_the_readings_were():
+    """Without a reading between them it had begun at the level of the log's first reading."""
+    time_s = 300.0 * np.arange(40)
+    values = np.where(time_s < 5100.0, 24.0, 8.0) + 9.0 * lag(time_s - 6300.0, 600.0)
+    move = fit_onset(channel_of(time_s, values, "temperature"), ChangePoint(6350.0, 1500.0), 6010.0, 12000.0)
+    assert move.before == 8.0 and move.after == pytest.approx(17.0, abs=0.2)
