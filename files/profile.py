@@ -19,6 +19,7 @@ from shockrig.files.errors import InputError
 from shockrig.files.file_table import FileTable
 from shockrig.files.headline import headlines
 from shockrig.files.json_files import as_object, known, read_json, write_json
+from shockrig.files.misspelt import CAMPAIGN_KEYS
 from shockrig.files.profile_data import (
     BEAD_RADIUS_M,
     FILM_THICKNESS_M,
@@ -179,7 +180,9 @@ def _profile(top: FileTable) -> Profile:
     if isinstance(sensors, dict):
         for name in DEFAULT_BODIES:
             if isinstance(sensors.get(name), dict):
-                read_body(top.mapping("sensors").mapping(name), name)
+                sensor = top.mapping("sensors").mapping(name)
+                sensor.know_nearly(*CAMPAIGN_KEYS[f"sensors.{name}."])
+                read_body(sensor, name)
     return Profile(
         temperature,
         humidity,

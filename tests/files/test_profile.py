@@ -172,6 +172,7 @@ def test_errors_name_file_and_key(tmp_path, changes, named):
         ("temperature__thermal_diffusivity_m2_s__", "standard_uncertainty", "standart_uncertainty"),
         ("humidity__diffusivity_table__1__", "diffusivity_m2_s", "difusivity_m2_s"),
         ("humidity__", "effects", "efects"),
+        ("sensors__imet__", "serial", "serail"),
     ],
 )
 def test_a_misspelt_key_is_told_as_one_and_with_what_was_meant(tmp_path, place, meant, slip):
