@@ -413,14 +413,16 @@ def _clock(path: Path, names: list[str], time: int, own: Mapping[str, int], chos
 
 
 def _header(path: Path) -> list[str]:
-    """The first row of a log; InputError where there is none."""
+    """The first row of a log; InputError where there is none, or nothing in it."""
     try:
         with open_text(path, REMEDY, errors="replace") as stream:
             header = next(csv.reader(without_nul(stream)), None)
     except csv.Error as error:
         raise InputError(f"{shown(path)}, line 1: {error}; give a CSV file") from error
-    if not header:
+    if header is None:
         raise InputError(f"{shown(path)}: the file is empty; give a CSV file with a header line")
+    if not header:
+        raise LayoutError(f"{shown(path)}, line 1: is blank, where the names belong; give a CSV file with names")
     return header
 
 

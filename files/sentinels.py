@@ -60,11 +60,15 @@ CODES: Mapping[str, Mapping[float, str]] = MappingProxyType(
     | dict.fromkeys(("pressure", "latitude", "longitude"), _ANY_QUANTITY | _ZERO)
     | dict.fromkeys(("time", "airspeed", "altitude", "vertical_speed"), _ANY_QUANTITY)
 )
+# that 8 bits of degrees hold, and 16 bits of hundredths, sixteenths (as of DS18B20) and tenths
+SPANS = (256.0, 655.36, 4096.0, 6553.6)
 NEAR_SENTINEL = 1e-6  # relative, and 1e-4 in the quantity's unit: digits that a column of text has lost
 FAR_STEPS = 2.0  # times what nine of ten readings differ from the next by
 LEAST_JUMP = 1.0  # in the quantity's unit
 LARGEST_MEASURED = 1e25  # in whatever unit: nothing that flies measures so much, and sums of squares still hold it
 LEAST_COURSE = 5  # readings in a row: as few as a run of a log needs before its step
+SIGNED_SHARE = 0.9  # of the readings that are too high
+GOES_ON_SHARE = 0.25  # of the ends of stretches without a sign
 JUMP_STEPS = 20.0  # times what readings usually differ from the next by
 
 
@@ -93,6 +97,32 @@ def coded(quantity: str, values: Array, low: float = -np.inf, high: float = np.i
     if beyond.any():
         found[float(values[beyond][0])] = beyond
     return found
+
+
+def without_sign(values: Array, possible: Range) -> tuple[float, Mask]:
+    """Where 16 bits, or 8, of temperatures begin anew, in their unit, and the rows (n,) whose readings are so much too
+    high, having been decoded without their sign; no row of any other log.
+
+    Those that are too high for what is `possible` nearly all lie there, and go on from the others once that is taken
+    off: an oven's do so as they are.
+    """
+    known = np.flatnonzero(np.isfinite(values))
+    read = values[known]
+    above = read > possible.high
+    for span in SPANS:
+        # all bits set are no reading
+        there = above & (read >= span + possible.low) & (read < span - 1.5 * span / 65536)
+        ends = np.diff(there)
+        if not ends.any() or np.count_nonzero(there) < max(LEAST_COURSE, SIGNED_SHARE * np.count_nonzero(above)):
+            continue
+        taken_off = read - span * there
+        jumps = np.abs(np.diff(taken_off))[ends]
+        # one number again and again is a code, and there may be other codes, which are jumped to from either side
+        if np.ptp(read[there]) > 0.0 and np.quantile(jumps, GOES_ON_SHARE) <= _usual_jump(taken_off):
+            rows = np.zeros(values.shape, dtype=bool)
+            rows[known[there]] = True
+            return span, rows
+    return 0.0, np.zeros(values.shape, dtype=bool)
 
 
 def momentary(quantity: str, values: Array, low: float, high: float) -> dict[float, Mask]:

@@ -148,6 +148,8 @@ INSIDE = ("internal", "inside", "indoor", "box", "board", "case", "housing", "en
 _NOT_RELATIVE = re.compile(r"absolut|specific|(?<![a-z])abs(?![a-z])")
 # "km/hr", "mm/hr": an hour, and not the "hr" that is a humidity in French and Spanish
 _PER_HOUR = re.compile(r"(?<![a-z])(km|mi|nmi?|mm?|cm|ft|in|l)\s*/\s*(h|hrs?|hours?)(?![a-z])")
+# before a field of a structure, whose name says who read it: barometer_data.temperature
+_FIELD = re.compile(r"(?<=\w)\.(?=[A-Za-z_])")
 _BRACKETS = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]")
 
 
@@ -299,6 +301,7 @@ def how_near(name: str) -> int:
 
 def is_called_time(name: str) -> bool:
     """Whether a column is called by a word for time or date."""
+    name = _FIELD.split(name)[-1]
     low = bare_name(name).lower()
     return (
         low in _TIMES
@@ -313,11 +316,16 @@ def quantity_of(name: str, unit: str | None) -> str | None:
     low = _PER_HOUR.sub("", name.lower())
     if any(word in low for word in _OTHER) or any(_has_word(low, word) for word in ("dp", "dpt")):  # dew points
         return None
+    *whole, field = _FIELD.split(name)
+    if whole and (quantity := quantity_of(field, unit)) is not None:
+        return quantity
     by_unit = _QUANTITY_OF.get(unit) if unit else None
     for quantity, words in _WORDS.items():
         # "Humidity Temp" is the temperature of a hygrometer, "Air Temperature RH" hardly the other way round.
         if any(_has_word(low, word) for word in words):
             if quantity == "humidity" and (by_unit == "temperature" or _has_word(low, "temp")):
+                return "temperature"
+            if quantity == "pressure" and any("temp" in low.partition(word)[2] for word in words):  # a barometer's own
                 return "temperature"
             if quantity == "humidity" and by_unit is None and _NOT_RELATIVE.search(low):
                 return None

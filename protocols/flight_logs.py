@@ -25,7 +25,7 @@ from shockrig.files.errors import InputError
 from shockrig.files.flight import REMEDY, Flight, FlightColumns, LayoutError, read_layout, unread_unit
 from shockrig.files.flight_cells import read_blocks
 from shockrig.files.flight_rows import damage_notes, whole_flight
-from shockrig.files.unit_names import INSIDE, OUTSIDE, how_near, outside_name, squeeze
+from shockrig.files.unit_names import INSIDE, OUTSIDE, UNITS, how_near, outside_name, squeeze
 
 if TYPE_CHECKING:
     from shockrig.rig.logs.mapping import LogMap, SensorMap
@@ -99,6 +99,11 @@ def to_csv(
         return None
     _write(source, found, target)
     return AsCsv(said)
+
+
+def named_both(columns: Mapping[str, str] | None, map_path: Path | None) -> bool:
+    """Whether a person says which column of a log is the temperature and which the humidity."""
+    return map_path is not None or set(MAIN) <= set(columns or ())
 
 
 def _by_content(source: Path) -> tuple[dict[str, Series], tuple[str, ...]] | None:
@@ -194,7 +199,11 @@ def _by_guess(source: Path, columns: Mapping[str, str] | None) -> tuple[dict[str
         if taken.get("die_temperature") == taken.get("temperature"):
             found.pop("die", None)  # that one chip measures both is what a logger's map supposes, and no reading
             taken.pop("die_temperature", None)
-        listed = ", ".join(f"{key.replace('_', ' ')} {name!r}" for key, name in {"time": seen.time[0], **taken}.items())
+        units = {name: unit for sensor in seen.sensors.values() for name, unit in sensor.columns.values()}
+        usual = {unit for of in UNITS.values() for unit, scale in of.items() if scale == (1.0, 0.0)}
+        as_read = {name: f" in {unit}" for name, unit in units.items() if unit not in usual}
+        read = [f"{key.replace('_', ' ')} {name!r}{as_read.get(name, '')}" for key, name in taken.items()]
+        listed = ", ".join([f"time {' and '.join(map(repr, seen.time))}", *read])
         said.insert(0, f"the log was read as shockrig import reads it: {listed}; --map MAP.toml says otherwise")
         for key in MAIN:
             if key in others:

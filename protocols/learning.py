@@ -48,7 +48,7 @@ def named_flights(
     InputError
         A log cannot be read, or is named twice.
     """
-    from shockrig.protocols.flight_logs import read_log
+    from shockrig.protocols.flight_logs import named_both, read_log
 
     flights: dict[str, Flight] = {}
     said: list[str] = []
@@ -57,14 +57,14 @@ def named_flights(
         if name in flights:
             raise InputError(f"{path}: named twice; each flight counts once")
         flight, notes = read_log(path, columns, map_path)
-        flights[name], more = checked(name, flight)
+        flights[name], more = checked(name, flight, named_both(columns, map_path))
         said += [f"{name}: {note}" for note in (*notes, *more)]
     return flights, said
 
 
-def checked(name: str, flight: Flight) -> tuple[Flight, list[str]]:
+def checked(name: str, flight: Flight, named: bool = False) -> tuple[Flight, list[str]]:
     """A flight to learn from, looked over as `correct` does: without codes for no value, with an altitude; and what is
-    to be said of it.
+    to be said of it. `named`: a person says which of its columns is which.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def checked(name: str, flight: Flight) -> tuple[Flight, list[str]]:
         part, rows, steps = in_order(flight)
     except InputError as error:
         return flight, [*said, str(error)]
-    if wrong := slips(part):
+    if wrong := slips(part, named=named):
         raise InputError(f"{name}: {'; '.join(wrong)}")
     for channel, values in (("temperature", flight.temperature_c), ("humidity", flight.humidity_percent)):
         if not np.isfinite(values).any():

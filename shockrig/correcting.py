@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +21,7 @@ from shockrig.files.readings_figure import Against
 from shockrig.flights import with_words
 from shockrig.given import PathLike, WithProfile
 from shockrig.protocols.flight_clock import on_clock
+from shockrig.protocols.flight_logs import named_both
 from shockrig.remedies import as_python, in_python
 
 if TYPE_CHECKING:
@@ -152,7 +154,8 @@ def correct(
         sensors = of_profile(profile if isinstance(profile, Profile) else read_profile(profile), channels)
         rows, said = with_words(flight, columns, map)
         rows = rows if clock_s is None else on_clock(rows, clock_s)
-        found = _correct(rows, sensors, method, **settings)
+        named = named_both(columns, None if map is None else Path(map))
+        found = _correct(rows, sensors, method, named=named, **settings)
     notes = [*said, *(in_python(note) for note in found.notes)]
     for name, values in (("temperature", rows.temperature_c), ("humidity", rows.humidity_percent)):
         if getattr(sensors, name) is not None and not np.isfinite(values).any():

@@ -173,8 +173,10 @@ def _read(
     flights: FlightGiven | Sequence[FlightGiven], columns: Mapping[str, str] | None, map: PathLike | None
 ) -> tuple[dict[str, Flight], list[str]]:
     """Flights by name, and what was read as what."""
+    from shockrig.protocols.flight_logs import named_both
     from shockrig.protocols.learning import checked
 
+    named = named_both(columns, None if map is None else Path(map))
     given = list(flights) if isinstance(flights, Sequence) and not isinstance(flights, str) else [flights]
     read: dict[str, Flight] = {}
     said: list[str] = []
@@ -182,7 +184,7 @@ def _read(
         name = Path(one).name if isinstance(one, str | os.PathLike) else f"flight {i + 1}"
         name = name if name not in read else f"{name} ({i + 1})"
         rows, words = with_words(one, columns, map)
-        read[name], more = checked(name, rows)
+        read[name], more = checked(name, rows, named)
         said += [f"{name}: {in_python(note)}" for note in (*words, *more)]
     return read, said
 

@@ -31,7 +31,7 @@ NOTHING = 16.0  # nats against a column that holds neither quantity from a jump 
 # nats against all of a log being so, and against a part of it by its share
 ALL_NOTHING, ALL_WARM, ALL_ODD = 20.0, 24.0, 6.0  # odd: not in their usual place, exchanged usually, or in degF
 WARM_C = 45.0  # few airs are flown in that are warmer
-AIR_C = RANGES["temperature_c"]
+AIR_C, PERCENT = RANGES["temperature_c"], RANGES["humidity_reading_percent"]
 SURE = 0.8  # probability of what is done with a row
 CHAINS = 32  # that are followed at once: twice as many change nothing, half as many do
 
@@ -50,13 +50,15 @@ DEGF = KINDS[KIND, 1:3].T == 1
 @dataclass(frozen=True)
 class _Pieces:
     """Of each piece (p,), its first `row`, and of its columns (2, p) the `count` of readings, the `warm` ones among
-    them, and whether it `begins` with a jump and is `stuck`; and of both its ends (2, 2, p) the `level`, the rows `at`
+    them, and whether it `begins` with a jump and is `stuck`; how many readings are `no_humidity` (2, 2, p), as they
+    came and from degF; and of both its ends (2, 2, p) the `level`, the rows `at`
     which it is, and the `noise` of the readings there; `settled` (2, p) is the level that a column comes to so many
     readings behind the piece's first row as lags take, in whatever piece that is."""
 
     row: Rows
     count: Rows
     warm: Rows
+    no_humidity: Rows
     begins: Mask
     stuck: Mask
     level: Array
@@ -196,9 +198,12 @@ def _pieces(columns: Array, usual: list[_Usual], stuck: Mask) -> _Pieces:
             at[end, q], noise[end, q] = rows[some[:, 0]], noises[q][some[:, 0]]
         late = np.minimum(start[:-1] + WINDOW_ROWS, rows.size)[:, None] - 1 - inside
         settled[q] = np.median(values[rows[np.maximum(late, 0)]], axis=1)
-    warm, dead = (np.add.reduceat(one, row, axis=1, dtype=np.int64) for one in (columns > WARM_C, stuck))
+    none = ((one < PERCENT.low) | (one > PERCENT.high) for one in (columns, (columns - 32.0) / 1.8))
+    marks = (columns > WARM_C, stuck, *none)
+    warm, dead, *no_humidity = (np.add.reduceat(one, row, axis=1, dtype=np.int64) for one in marks)
     begins = np.stack([np.isin(row, one) for one in jumps])
-    return _Pieces(row, count, warm, begins, (count > 0) & (dead == count), level, at, noise, settled)
+    stays = (count > 0) & (dead == count)
+    return _Pieces(row, count, warm, np.stack(no_humidity), begins, stays, level, at, noise, settled)
 
 
 def _changes() -> Array:
@@ -226,6 +231,7 @@ def _shares(pieces: _Pieces, usual: list[_Usual]) -> tuple[Array, Array]:
         own += ALL_ODD * count.max(axis=0) * (1.0 * DEGF.any(axis=0) + AWAY[KIND])
         own = own / total
         own[(READ & (count == 0)).any(axis=0)] = np.inf
+        own[READ[1] & (2 * pieces.no_humidity[1 * DEGF[1], COLUMN[1], k] > count[1])] = np.inf
         begun = chains.kind[:, None] >= 0
         cost = chains.cost[:, None] + own + np.where(begun, changes[chains.kind], start)
         # of a column that was not read in the piece before, and does not jump

@@ -101,6 +101,7 @@ def correct(
     temperature_noise_k: float | None = None,
     humidity_noise_percent: float | None = None,
     lag_s: float | None = None,
+    named: bool = False,
 ) -> Corrected:
     """Correct a flight.
 
@@ -117,6 +118,8 @@ def correct(
         Noise floors where they differ from the profile's.
     lag_s : float, optional
         Of "causal": how long each row may wait for those after it; not at all when left out.
+    named : bool
+        A person says which column is which, however it looks.
 
     Returns
     -------
@@ -133,18 +136,21 @@ def correct(
     if method == "causal":
         return correct_read(flight, (), profile, method, cutoff_hz, *noise, lag_s)
     by_time, order, said = taken_by_time(flight)
-    read, codes = of_both_columns(by_time, profile)
+    read, codes = of_both_columns(by_time, profile, named)
     said = [*said, *code_notes(codes)]
-    found = correct_read(read, said, profile, method, cutoff_hz, *noise, lag_s, codes.get(UNSURE))
+    found = correct_read(read, said, profile, method, cutoff_hz, *noise, lag_s, codes.get(UNSURE), named)
     return found if order is None else found.at(np.argsort(order))
 
 
-def of_both_columns(flight: Flight, profile: Profile) -> tuple[Flight, dict[str, NDArray[np.bool_]]]:
+def of_both_columns(
+    flight: Flight, profile: Profile, named: bool = False
+) -> tuple[Flight, dict[str, NDArray[np.bool_]]]:
     """The flight `without_codes`, and the rows (n,) of these; with its columns as they came where they seem to stand in
-    one another's place throughout: what is told of a part of them there is told of the other quantity."""
+    one another's place throughout, unless a person `named` them: what is told of a part of them there is told of the
+    other quantity."""
     read, codes = without_codes(flight)
     told = codes.keys() & {EXCHANGED, DEGF}
-    if told and slips(in_order(read)[0], profile):
+    if told and slips(in_order(read)[0], profile, named):
         known = np.isfinite(np.stack([read.temperature_c, read.humidity_percent]))
         known = np.where(codes.get(EXCHANGED, False), known[::-1], known)
         came = np.where(known, np.stack([flight.temperature_c, flight.humidity_percent]), np.nan)
@@ -163,6 +169,7 @@ def correct_read(
     humidity_noise_percent: float | None,
     lag_s: float | None,
     unsure: NDArray[np.bool_] | None = None,
+    named: bool = False,
 ) -> Corrected:
     """What `correct` does with a flight that is `without_codes` by now; what is `said` of these is among the notes, and
     no value is filled in over rows (n,) of which it is `unsure` what was read: what they hold may refute it."""
@@ -175,7 +182,7 @@ def correct_read(
     # what is said of times is said in the log's own, whatever they were put in order to
     as_logged = flight.at(rows)
     notes = [*profile_doubts(profile), *said, *doubts(as_logged), *airspeed_notes(part), *steps]
-    if wrong := slips(part, profile):
+    if wrong := slips(part, profile, named):
         bead, film = _as_it_came(part, "; ".join(wrong), notes)
         return _gather(count, rows, bead, film, notes, {}, {})
     part = in_air(part)
@@ -203,7 +210,9 @@ def correct_read(
 def in_order(flight: Flight) -> tuple[Flight, NDArray[np.int64], list[str]]:
     """The flight's rows whose time can be believed, their times running forward; which they are; and a sentence for
     each step of the clock."""
-    clock = put_in_order(flight.time_s, PARTED_S, (flight.temperature_c, flight.humidity_percent))
+    # a slow sensor hardly shows time that was left out, where it was carried on shows it at once
+    where = [flight.pressure_hpa, *([] if flight.altitude_m is None else [flight.altitude_m])]
+    clock = put_in_order(flight.time_s, PARTED_S, (flight.temperature_c, flight.humidity_percent, *where))
     if np.count_nonzero(clock.good) < 2 or np.ptp(flight.time_s[clock.good]) == 0:
         ahead = np.diff(flight.time_s[np.isfinite(flight.time_s)])
         if ahead.size and np.median(ahead) < 0:

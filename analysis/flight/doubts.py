@@ -115,9 +115,9 @@ MOST_HPA = 1100.0  # the highest on any land was 1085
 LEAST_HPA = 110.0  # of a whole log, where half of it is above freezing: 16 km up, where air is far colder
 
 
-def slips(flight: Flight, profile: Profile | None = None) -> list[str]:
-    """Sentences on a clock that is not in seconds and on columns that stand in one another's place; `profile` is what
-    is known of the sensors."""
+def slips(flight: Flight, profile: Profile | None = None, named: bool = False) -> list[str]:
+    """Sentences on a clock that is not in seconds and, unless a person `named` them, on columns that stand in one
+    another's place; `profile` is what is known of the sensors."""
     found = []
     period = typical_period(flight.time_s)
     sensors = () if profile is None else (profile.temperature, profile.humidity)
@@ -138,7 +138,7 @@ def slips(flight: Flight, profile: Profile | None = None) -> list[str]:
             f"flies that does not slow down as it rises: times seem to be in {minutes}; convert them to seconds, or "
             "read the log by a map with its time_unit"
         )
-    if _swapped(flight, profile):
+    if not named and _swapped(flight, profile):
         found.append(
             "temperature_c and humidity_percent seem to stand in one another's place, or the temperature is in degF; "
             "name them with --column temperature=NAME --column humidity=NAME, or read the log by a map with "

@@ -584,7 +584,10 @@ def _as_before(
     lagging = np.nan_to_num(np.abs(value - own))
     for gone_at, back_at in there_and_back(odd, later - rows, last - rows):
         first, way = gone_at.start, odd[gone_at.start]
-        before = np.nanmin(way * value[since[first] : first + 1])
+        was = way * value[since[first] : first + 1]
+        if np.isnan(was).all():  # nobody knows from where it went
+            continue
+        before = np.nanmin(was)
         gone = np.nan_to_num(way * value[first:] - before)
         farthest = (
             int(np.argmax(gone[: later[gone_at.stop - 1] + 1 - first])) if back_at is None else back_at.start - first

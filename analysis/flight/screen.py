@@ -35,7 +35,7 @@ from shockrig.analysis.flight.sweep import COARSE_IN_NOISE
 from shockrig.files.flight import Flight
 from shockrig.files.numbers import counted
 from shockrig.files.ranges import LIKELY_RANGES, RANGES, Range
-from shockrig.files.sentinels import coded
+from shockrig.files.sentinels import coded, without_sign
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -44,6 +44,7 @@ Mask = NDArray[np.bool_]
 # columns stand in one another's place, which are put back. Both are counted.
 
 PASCAL = "pressure_hpa: pascal"
+WITHOUT_SIGN = "below 0 without a sign"
 EXCHANGED = "temperature and humidity, each in the other's place"
 DEGF = "temperature in degF"
 UNSURE = "temperature and humidity, of which nothing tells whether they are in one another's place"
@@ -77,9 +78,17 @@ def without_codes(flight: Flight) -> tuple[Flight, dict[str, Mask]]:
         codes = coded(quantity, values, *ends)
         if codes:
             found |= {f"{quantity} {code:.6g}": rows for code, rows in codes.items()}
-            changed[name] = np.where(np.logical_or.reduce(list(codes.values())), np.nan, values)
+            values = changed[name] = np.where(np.logical_or.reduce(list(codes.values())), np.nan, values)
+        if possible != "temperature_c":
+            continue
+        span, rows = without_sign(values, RANGES[possible])
+        if rows.any():
+            found[f"{quantity} {WITHOUT_SIGN} {span:g}"] = rows
+            changed[name] = np.where(rows, values - span, values)
     # a receiver without a fix writes 0 for its height as well, which by itself may be one
     no_fix = [found[f"{name} 0"] for name in ("latitude", "longitude") if f"{name} 0" in found]
+    if flight.latitude_deg is not None and np.isfinite(flight.latitude_deg).any():
+        no_fix.append(np.isnan(flight.latitude_deg))
     if no_fix and flight.altitude_m is not None:
         height = changed.get("altitude_m", flight.altitude_m)
         if (without := np.logical_or.reduce(no_fix) & (height == 0.0)).any():
@@ -125,6 +134,9 @@ def code_notes(codes: Mapping[str, Mask | int]) -> list[str]:
             sentences.append(f"{name} in {counted(count, 'row')}: read as that")
         elif count and name in (UNSURE, NEITHER):
             sentences.append(f"{name}, in {counted(count, 'row')}: taken as missing")
+        elif count and WITHOUT_SIGN in name:
+            what, span = name.rsplit(" ", 1)
+            sentences.append(f"{what} in {counted(count, 'row')}: {span} are taken off")
         elif count and name == PASCAL:
             sentences.append("pressure_hpa: no air has so much; taken as Pa, and divided by 100")
         elif count:
@@ -254,7 +266,8 @@ def clock(time_s: Array, part_s: float, readings: Sequence[Array] = ()) -> Order
         good[rows[bounds[i] : bounds[i + 1]]] = False
     period = float(np.median(usual)) if usual.size else part_s
     left_out = np.minimum(np.maximum(ahead[bounds[1:-1] - 1], 0.0) / period, rows.size).astype(np.int64)
-    on = _running_on([one[rows] for one in readings], bounds[1:-1], left_out, rows.size)
+    as_set = np.cumsum(np.append(0.0, np.where(parting, 1.0, ahead / period)))
+    on = _running_on(as_set, [one[rows] for one in readings], bounds[1:-1], left_out)
     # a counter that begins anew was started, and not set: how long it was off nothing tells
     on &= np.abs(time_s[rows] - time_s[rows[0]]) > longest
     steps = tuple(ClockStep(int(rows[k]), float(ahead[k - 1]), bool(on[k])) for k in bounds[1:-1])
@@ -263,13 +276,15 @@ def clock(time_s: Array, part_s: float, readings: Sequence[Array] = ()) -> Order
     return OrderedTime(good, time_s[rows[0]] + np.cumsum(even) if steps else time_s[rows], steps)
 
 
-def _running_on(readings: Sequence[Array], steps: NDArray[np.int64], left_out: NDArray[np.int64], size: int) -> Mask:
-    """Rows (`size`,) of `steps` across which every reading runs on: straight lines through the rows before and after
-    differ in level and slope by no more than at nearly all other rows. A sensor that lags shows any time left out.
+def _running_on(time: Array, readings: Sequence[Array], steps: NDArray[np.int64], left_out: NDArray[np.int64]) -> Mask:
+    """Rows (n,) of `steps` across which every reading runs on: straight lines through the rows before and after differ
+    in level and slope by no more than at nearly all other rows. A sensor that lags shows any time left out, and so does
+    where it was carried. `time` (n,) is in periods, one of them across a step.
 
     A clock that steps ahead by as many rows as are `left_out` (s,) may as well have paused, and mostly has: it was set
     if readings that go as fast would have shown that, anywhere else in the log. Those that stand still would not.
     """
+    size = time.size
     on = np.zeros(size, dtype=bool)
     seen = [one for one in readings if np.count_nonzero(np.isfinite(one)) > 0.5 * size]
     if not seen or size < 20 * SIDE_ROWS:
@@ -286,7 +301,7 @@ def _running_on(readings: Sequence[Array], steps: NDArray[np.int64], left_out: N
     ordinary = ends[unparted(ends, ends)]
     if ordinary.size < 10 * SIDE_ROWS:
         return on
-    lines = [_Lines(one, ordinary) for one in seen]
+    lines = [_Lines(time, one, ordinary) for one in seen]
     on[inside] = np.logical_and.reduce([one.runs_on(inside) for one in lines])
     for row, rows in zip(steps.tolist(), left_out.tolist(), strict=True):
         if not on[row] or rows <= 0:
@@ -314,22 +329,26 @@ class _Lines:
     """Straight lines through as many rows of a reading (n,) before any row, and from any row on, both where they meet
     if no time lies between; and how far these are apart at most, at nearly all `ordinary` rows."""
 
-    def __init__(self, values: Array, ordinary: NDArray[np.int64]) -> None:
+    def __init__(self, time: Array, values: Array, ordinary: NDArray[np.int64]) -> None:
         known = np.isfinite(values)
         values = np.interp(np.arange(values.size), np.flatnonzero(known), values[known])
         values = median_filter(values, 3, mode="nearest")  # single absurd readings
-        x = np.arange(SIDE_ROWS) + 0.5
-        slope = (x - x.mean()) / ((x - x.mean()) ** 2).sum()
-        level = 1.0 / SIDE_ROWS - x.mean() * slope
-        rows = sliding_window_view(values, SIDE_ROWS)
-        # level and slope (2, n - SIDE_ROWS + 1) of the rows from each on, at their end and at their beginning
-        self.before = np.stack([rows @ level[::-1], rows @ slope])
-        self.behind = np.stack([rows @ level, rows @ slope])
+        self.half = 0.5 * np.diff(time, prepend=time[0])  # of the time from the row before
+        times, rows = (sliding_window_view(one, SIDE_ROWS) for one in (time, values))
+        middle = times.mean(axis=1)
+        off = times - middle[:, None]
+        slope = (off * rows).sum(axis=1) / np.maximum((off**2).sum(axis=1), np.finfo(float).tiny)
+        # level and slope (2, n - SIDE_ROWS + 1) of the rows from each on, at the last and at the first of them
+        level = rows.mean(axis=1)
+        self.before = np.stack([level + slope * (times[:, -1] - middle), slope])
+        self.behind = np.stack([level + slope * (times[:, 0] - middle), slope])
         self.most = np.quantile(self.apart(ordinary, ordinary), USUAL_SHARE, axis=1, keepdims=True)
 
     def apart(self, before: NDArray[np.int64], behind: NDArray[np.int64]) -> Array:
         """Differences (2, m) of the lines up to some rows and from others on, in level and slope."""
-        return np.asarray(np.abs(self.behind[:, behind] - self.before[:, before - SIDE_ROWS]))
+        (last, falling), (first, rising) = self.before[:, before - SIDE_ROWS], self.behind[:, behind]
+        half = np.where(before == behind, self.half[behind], 0.5)  # of others it is taken that they follow at once
+        return np.abs(np.stack([first - last - half * (rising + falling), rising - falling]))
 
     def runs_on(self, rows: NDArray[np.int64]) -> Mask:
         """Whether (m,) the lines are as near as that."""

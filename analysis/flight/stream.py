@@ -58,12 +58,14 @@ def correct_file(
     temperature_noise_k: float | None = None,
     humidity_noise_percent: float | None = None,
     lag_s: float | None = None,
+    named: bool = False,
     history: str = "",
     block_rows: int | None = None,
     progress: Callable[[int], None] = lambda rows: None,
     gather: Sequence[Callable[[Flight, Corrected], None]] = (),
 ) -> Summary:
-    """Correct the CSV `source` into `target` (netCDF where its name ends in .nc); `columns`: quantity -> column's name.
+    """Correct the CSV `source` into `target` (netCDF where its name ends in .nc); `columns`: quantity -> column's name;
+    `named`: a person says which of the log's is which.
 
     What is to be `gather`ed of the flight is given each block in turn.
 
@@ -79,9 +81,9 @@ def correct_file(
     try:
         for rows, before, after, logged in _with_margins(source, layout, block_rows, _remembered_s(profile)):
             by_time, order, late = (logged, None, []) if method == "causal" else taken_by_time(logged)
-            flight, codes = of_both_columns(by_time, profile)
+            flight, codes = of_both_columns(by_time, profile, named)
             noise, unsure = (temperature_noise_k, humidity_noise_percent), codes.get(UNSURE)
-            found = correct_read(flight, late, profile, method, cutoff_hz, *noise, lag_s, unsure)
+            found = correct_read(flight, late, profile, method, cutoff_hz, *noise, lag_s, unsure, named)
             own: slice | NDArray[np.int64] = slice(before, flight.time_s.size - after)
             if order is not None:
                 own = np.flatnonzero((order >= before) & (order < flight.time_s.size - after))

@@ -160,6 +160,7 @@ def main(args: argparse.Namespace) -> int:
     from shockrig.files.errors import InputError
     from shockrig.files.fleet_file import read_fleet
     from shockrig.files.profile import read_profile
+    from shockrig.protocols.flight_logs import named_both
     from shockrig.protocols.time_left import CountedRows
     from shockrig.protocols.wmo import demand_position, of_argument
 
@@ -190,6 +191,7 @@ def main(args: argparse.Namespace) -> int:
                 temperature_noise_k=args.temperature_noise_k,
                 humidity_noise_percent=args.humidity_noise_percent,
                 lag_s=args.lag_s,
+                named=named_both(columns, args.map),
                 history=f"shockrig correct --method {args.method} {option} {(args.fleet or args.profile).name}"
                 + ("" if args.clock_s is None else f" --clock-s {args.clock_s:g}"),
                 progress=CountedRows(about_rows(source)),

@@ -53,9 +53,11 @@ _COUNTERS = {
     "index", "idx", "id", "seq", "sequence", "sweep", "sweeps",
 }  # fmt: skip
 _DATED = re.compile("date|datum|fecha|дата|日")
+_STAMPED = re.compile("ed_?[Aa]t$")  # reported_at, createdAt
 LEAST_STEP_S = 1e-3  # no log of air has a thousand rows a second; a minute is 7e-4 days
 _COUNT = re.compile(f"({'|'.join(sorted(_COUNTERS, key=len, reverse=True))})+")  # packetnr, recno: two words in one
 RISING = "rising"
+MOST_STAND = 0.25  # of a clock's rows, that bear the stamp of the row before
 _READ = {name for quantity, names in NAMES.items() if quantity != "time" for name in names}
 
 
@@ -87,11 +89,12 @@ def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequ
         if guess_format(columns[name])[0] == OF_DAY:
             return TimeColumns((name,), OF_DAY)
     in_parts = _in_parts(columns, dated=False)
-    for name in called:
-        if in_parts is not None and name in in_parts.columns:
-            continue
-        if (clock := counted_clock(name, columns[name], unit_of[name], named=True)) is not None:
-            return clock
+    stamps = [name for name in names if name not in called and _STAMPED.search(name) is not None]
+    whole = [name for name in [*called, *stamps] if in_parts is None or name not in in_parts.columns]
+    counted = [counted_clock(name, columns[name], unit_of[name], named=True) for name in whole]
+    if clocks := [clock for clock in counted if clock is not None]:
+        # one that counts minutes goes behind one that goes on from row to row
+        return min(clocks, key=lambda clock: _stands(columns[clock.columns[0]]))
     if in_parts is not None:
         return in_parts
     for name in names[3:]:  # whatever it is called; where it stands still it is when something was made
@@ -109,6 +112,11 @@ def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequ
 def _below_sixty(cells: Sequence[str]) -> bool:
     """Whether a column's numbers are seconds of a minute that another column counts."""
     return all(NUMBER.fullmatch(cell) is not None and 0.0 <= float(cell) < 60.0 for cell in cells)
+
+
+def _stands(cells: Sequence[str]) -> bool:
+    """Whether a column stays what it is over many rows."""
+    return sum(a == b for a, b in pairwise(cells)) > MOST_STAND * len(cells)
 
 
 def unit_of_clock(name: str, under: str) -> str | None:

@@ -180,7 +180,7 @@ def _times_of_others(clock: TimeColumns, name: str, own: Sequence[str], shared: 
 
 def _position(name: str) -> str | None:
     """Which of `POSITION` a column is, by the names that flights' logs give it."""
-    names = (squeeze(name), squeeze(bare_name(name)))
+    names = (squeeze(name), squeeze(bare_name(name)), squeeze(name.rpartition(".")[2]))  # a structure's field
     return next((place for place in POSITION if any(one in NAMES[place] for one in names)), None)
 
 
@@ -245,6 +245,7 @@ def guess_unit(quantity: str, named: str | None, values: Array) -> tuple[str, st
             return "fraction", f"not named in the log: no reading is above {values.max():.3g}"
         return "percent", taken
     if quantity == "pressure":
+        middle = float(np.quantile(values, 0.9))  # near the ground, where units lie apart
         for unit, low, high in (("Pa", 1e4, 1.2e5), ("hPa", 250.0, 1200.0), ("kPa", 40.0, 120.0), ("inHg", 15.0, 33.0)):
             if low < middle < high:
                 return unit, f"not named in the log: it reads about {middle:.4g}"

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from shockrig.files.disk import shown
 from shockrig.files.flight_cells import plain_numbers
-from shockrig.files.numbers import in_line, one_or_many
+from shockrig.files.numbers import counted, in_line, one_or_many
 from shockrig.files.ranges import RANGES, Range
-from shockrig.files.sentinels import CODES, momentary, unread
+from shockrig.files.sentinels import CODES, momentary, unread, without_sign
 from shockrig.files.spelling import did_you_mean
 from shockrig.files.unit_names import UNITS
 from shockrig.rig.bench_errors import BenchError
@@ -322,6 +322,12 @@ def _checked(read: _Read, column: Column, lines: Scan, named: bool) -> tuple[Arr
         of = f"of {column.name!r}"
         said.append(one_or_many(missing, f"value {of} is missing", f"values {of} are missing"))
     limits = LIMITS[column.quantity]
+    if column.quantity == "temperature" and column.unit == "degC":
+        span, rows = without_sign(numbers, limits)
+        if rows.any():
+            numbers[rows] -= span
+            readings = counted(int(np.count_nonzero(rows)), "reading")
+            said.append(f"{readings} of {column.name!r} below 0 without a sign: {span:g} are taken off")
     absurd = np.flatnonzero((numbers < limits.low) | (numbers > limits.high))
     # Who states degC may have an oven; nobody states kelvin for what is colder than any air.
     named |= column.is_stated and not (numbers < limits.low).any()

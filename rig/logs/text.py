@@ -27,6 +27,7 @@ from shockrig.files.unit_names import (
     is_called_time,
     is_unit,
     known_unit,
+    quantity_of,
     unique_names,
     unit_among,
     unit_by_letter,
@@ -392,10 +393,11 @@ def _header(
     for i in range(first - 1, -1, -1):
         found = cells(plain[i])
         if len(found) not in (width, width - 1):
-            # The last columns may have none, as of sensors that somebody added to a logger's program; but blanks also
-            # part a date from its time of day, under one name.
+            # The last columns may have none, as of sensors that somebody added to a logger's program, or the pixels of
+            # a camera; but blanks also part a date from its time of day, under one name.
             are_names = separator != " " and all(found) and not any(map(is_value, found))
-            if i == first - 1 and width / 2 < len(found) < width and are_names:
+            told = any(map(is_called_time, found)) and any(quantity_of(name, None) for name in found)
+            if i == first - 1 and are_names and len(found) < width and (told or len(found) > width / 2):
                 return unique_names(found, width), units, plain.number(i)
             break
         above = i > 0 and len(cells(plain[i - 1])) in (width, width - 1)

@@ -1,12 +1,13 @@
 """Steps of a log's clock: set while readings ran on, or after rows that nobody has."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pandas
 import pytest
 
-from shockrig.analysis.flight.correct import correct
+from shockrig.analysis.flight.correct import correct, in_order
 from shockrig.analysis.flight.doubts import doubts
 from shockrig.analysis.flight.inverse import RefusedError
 from shockrig.analysis.flight.response import film_response
@@ -17,6 +18,7 @@ from shockrig.analysis.flight.simulated.typical import typical_profile
 from shockrig.analysis.flight.simulated.weather import inversion
 from shockrig.analysis.flight.sweep import lags_behind
 from shockrig.analysis.physics.air_exchange import Stream
+from shockrig.files.flight import Flight
 from shockrig.files.numbers import moment
 
 PROFILE = typical_profile()
@@ -39,6 +41,24 @@ def test_a_clock_that_was_set_while_readings_ran_on_costs_nothing(flown, by):
     found = correct(to_flight(log), PROFILE)
     assert any("clock steps" in note and "run on" in note for note in found.notes)
     assert rms(found.humidity_percent - truth) < 1.02 * rms(untouched - truth)
+
+
+@pytest.mark.parametrize("known", ["altitude_m", "pressure_hpa"])
+def test_rows_that_a_receiver_lost_are_told_by_where_the_balloon_went(known):
+    """A slow sensor in a balloon of which packets come every 5 s, or some of 30 s, and none in a minute. Before: "the
+    readings run on, it was set", 300 m further up: the minute was taken for one row."""
+    rng = np.random.default_rng(3)
+    ahead = np.where(rng.random(700) < 0.15, 30.0, 5.0)
+    ahead[[300, 400, 500]] = 60.0
+    time_s = np.cumsum(ahead)
+    rises = 5.0 * time_s
+    where = {"altitude_m": rises, "pressure_hpa": 1013.0 * np.exp(-rises / 8000.0)}[known]
+    unknown = dict.fromkeys(("airspeed_m_s", "die_temperature_c", "pressure_hpa"), np.full(time_s.size, np.nan))
+    temperature = np.round(25.0 - 1e-3 * rises + 5.0 * np.sin(time_s / 2000.0), 1)
+    flight = Flight(time_s=time_s, temperature_c=temperature, humidity_percent=np.full(time_s.size, 6.0), **unknown)
+    part, _, said = in_order(replace(flight, **{known: where}))
+    assert len(said) == 3 and all("a gap" in one for one in said)
+    assert np.ptp(part.time_s) > np.ptp(time_s)
 
 
 def test_rows_that_are_lost_part_the_log_and_the_film_starts_from_rest():

@@ -213,3 +213,16 @@ def test_air_that_passes_the_degree_where_both_scales_meet_stays_in_its_own(seed
     humidity = np.clip(60.0 + layers, 5.0, 100.0) + 0.05 * rng.standard_normal(row.size)
     told = held(np.stack([temperature, np.round(humidity, 2)]), (0.01, 0.01))
     assert not told.degf.any() and not told.exchanged.any()
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_no_humidity_can_be_did_not_change_place(seed):
+    """A balloon comes into air of -54 degC and 3 %RH from such of 0 degC and none, where both columns meet, and its bus
+    hangs now and then. Before: of up to 58 rows nothing told whether -54 was the humidity."""
+    row, rng = np.arange(600), np.random.default_rng(seed)
+    temperature = np.interp(row, [0, 250, 400, 600], [5.0, 0.0, -54.0, -55.0]) + 0.1 * rng.standard_normal(row.size)
+    humidity = np.interp(row, [250, 400, 600], [0.0, 3.0, 3.8]) + 0.03 * rng.standard_normal(row.size)
+    hangs = rng.random(row.size) < 0.03
+    log = np.round([np.where(hangs, 0.57, temperature), np.where(hangs | (row < 250), 0.0, humidity)], 2)
+    told = held(log, (0.01, 0.01))
+    assert np.count_nonzero(told.exchanged | told.unsure) < 15
