@@ -1,4 +1,4 @@
-"""Where may a correction do harm? Sixty-five kinds of flights from a solver of their own, beside what others use.
+"""Where may a correction do harm? Sixty-six kinds of flights from a solver of their own, beside what others use.
 
     python benchmarks/flight_harm.py [--kinds NAME ...] [--seeds N] [--first-seed N] [--no-peers] [--fresh] [--out FILE]
 

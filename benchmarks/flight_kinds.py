@@ -148,6 +148,16 @@ def _missing(log: dict[str, Array], rng: Rng) -> None:
     log["humidity_percent"][at : at + 40] = np.nan
 
 
+def _noisier(log: dict[str, Array], rng: Rng) -> None:
+    """In three stretches of each channel, of a few seconds to a minute, noise is one and a half to six times as much."""
+    for name, noise in (("temperature_c", 0.02), ("humidity_percent", 0.06)):
+        for _ in range(3):
+            size = int(rng.uniform(30, 600))
+            at = slice(start := int(rng.integers(0, log[name].size - size)), start + size)
+            times = np.exp(rng.uniform(np.log(1.5), np.log(6.0)))
+            log[name][at] += noise * np.sqrt(times**2 - 1.0) * rng.standard_normal(size)
+
+
 def _repeats(log: dict[str, Array], rng: Rng) -> None:
     for name, share in (("temperature_c", 0.1), ("humidity_percent", 0.18)):
         values = log[name]
@@ -388,6 +398,7 @@ KINDS: dict[str, Callable[[Rng], World]] = {
     "hot and humid": hot,
     "waves": waves,
     "missing samples": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2), _missing),
+    "noisier by stretches": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2), _noisier),
     "repeated samples": lambda r: with_rows(convective(r, 0.6), _repeats),
     "absurd samples": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2), _absurd),
     "clock back": lambda r: with_rows(profile(r, 40.0, 0.04, 0.2), _clock_steps((100.0, -20.0))),

@@ -35,7 +35,7 @@ SMOOTHER = (
     "comparisons.LEAST_EXPLAINED",
     "comparisons.LEAST_OF_ITS_SIZE", "comparisons.MOST_OF_ITS_SIZE", "comparisons.NOT_AS_STATED",
     "comparisons.MOST_TIMES", "comparisons.COVERED_S", "comparisons.DRIFT_S", "air_prior.BINS_PER_OCTAVE",
-    "air_prior.SMOOTH_SHARE", "air_prior.LOUDER_STEP", "air_prior.LOUDEST",
+    "air_prior.SMOOTH_SHARE", "air_prior.LOUDER_STEP",
     "columns.CHANGE", "columns.NOTHING", "columns.CUT", "columns.ALL_NOTHING", "columns.ALL_WARM", "columns.ALL_ODD",
     "columns.WARM_C", "columns.SURE", "columns.LEVEL_ROWS", "columns.CHAINS",
     "smooth_channel.LEAST_CALM",

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import count
 from math import factorial
 
 import numpy as np
@@ -145,7 +146,6 @@ def gain_squared(response: LagResponse, frequency_hz: Array, period_s: float) ->
 SHRINKAGE_LN = 0.25  # ln of how far one segment's strengths lie from the typical one's
 GRID_STEP = 0.3  # of ln strength
 LOUDER_STEP = 0.15  # of ln noise, in which a segment's is looked for above the flight's
-LOUDEST = 2.1  # of ln noise above the flight's: eight times it, and what is louder is a burst
 COARSER_FACTOR = 4  # times: steps that a segment's likelihood is first looked for at
 UNLIKELY_NATS = (
     100.0  # of log-likelihood: more than lies between one such point and what is best beside it, and what counts
@@ -345,7 +345,8 @@ def fit_windows(
     louder = np.zeros(len(reading))
     for k in range(len(reading)):
         least = np.inf
-        for ln_factor in np.arange(0.0, LOUDEST, LOUDER_STEP):
+        for step in count():
+            ln_factor = LOUDER_STEP * step
             tried = cost(k, every, every, ln_factor)
             about, beside = (_around(tried.min(axis=1 - i) == tried.min(), grids[i].size) for i in (0, 1))
             lowest = float(cost(k, about, beside, ln_factor).min()) + 0.5 * (ln_factor / spread) ** 2
