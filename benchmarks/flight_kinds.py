@@ -149,7 +149,7 @@ def _missing(log: dict[str, Array], rng: Rng) -> None:
 
 
 def _noisier(log: dict[str, Array], rng: Rng) -> None:
-    """In three stretches of each channel, of a few seconds to a minute, noise is one and a half to six times as much."""
+    """In three stretches of each channel (3 to 60 s) noise is one and a half to six times as much."""
     for name, noise in (("temperature_c", 0.02), ("humidity_percent", 0.06)):
         for _ in range(3):
             size = int(rng.uniform(30, 600))
