@@ -44,6 +44,7 @@ SMOOTHER = (
     "stretches.LEAST_TURNED",
     "stretches.FELT_SHARE", "sweep.GAP_NODES", "screen.FELT_SIGMAS", "screen.ON_THE_WAY", "screen.STOOD_SHARE",
     "swings.FEWEST_SWINGS", "swings.SHORTEST_S", "swings.OUT_OF_BINS", "swings.LINE_BINS", "swings.TOLD_LOG_ODDS",
+    "air_prior.SHORTEST_S", "air_prior.OUT_OF_BINS", "air_prior.LINE_BINS", "air_prior.TOLD_LOG_ODDS",
     "swings.MEANS_IN_SWING", "humidity_channel.SHOWN_SHARES",
     "stretches.LEFT_SHARE", "unread.SLOPE_BLOCKS", "unread.FEWEST_BLOCKS", "unread.MOVED_SIGMAS", "unread.SURE_SIGMAS",
 )  # fmt: skip

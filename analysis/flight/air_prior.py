@@ -14,6 +14,7 @@ from math import factorial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, median_filter
 from scipy.special import expit, logit
 
 from shockrig.analysis.flight.response import LagResponse, stepped
@@ -159,6 +160,10 @@ LITTLE_NATS = 1e-4  # of log-likelihood
 FAINT_SHARE = 1e-3  # times the noise's power: nobody sees that
 WAVES = np.arange(0.5, 6.1, 0.125)  # cycles in a segment that a wave is looked for at
 BINS_PER_OCTAVE = 4  # of frequencies, whose spectra fall as powers
+SHORTEST_S = 4.0  # of what swings again and again in the air, or by what the sun does once in a circle
+OUT_OF_BINS = 12  # to either side, that say what a spectrum is beside a line
+LINE_BINS = 3  # that a line takes of them
+TOLD_LOG_ODDS = 3.0  # one in twenty
 HANN_DEPENDENCE = 1.5  # a likelihood of tapered ordinates counts each as so much less than one
 
 
@@ -409,6 +414,23 @@ def _weakest(turbulence: Array, bend: Array, white: float) -> tuple[float, float
     return first, second
 
 
+def _without_lines(power: Array, lasts_s: float) -> Array:
+    """Power (s, f) of stretches, with what lies beside it in place of lines that are faster than `SHORTEST_S`: the air
+    swings at no single frequency so fast, but a mast does, or the mains."""
+    bins = np.arange(int(lasts_s / SHORTEST_S), power.shape[-1])
+    if bins.size < 2 * OUT_OF_BINS:
+        return power
+    some = power[..., bins]
+    # of an exponential distribution the mean is the median over ln 2, as sure as that of half as many
+    usual = median_filter(some, (1, 2 * OUT_OF_BINS + 1), mode="nearest") / np.log(2.0)
+    beside = 2 * OUT_OF_BINS * np.log(2.0) ** 2
+    least = beside * np.expm1((np.log(some.size) + TOLD_LOG_ODDS) / beside)
+    line = maximum_filter1d(some / usual, LINE_BINS, axis=-1) > least
+    found = power.copy()
+    found[..., bins] = np.where(line, usual, some)
+    return found
+
+
 def _periodograms(reading: Array, period_s: float) -> tuple[Array, Array, Array]:
     """Frequencies (b,), power (s, b) and weight (b,) of Hann-tapered periodograms gathered into bins of
     `BINS_PER_OCTAVE`."""
@@ -419,7 +441,7 @@ def _periodograms(reading: Array, period_s: float) -> tuple[Array, Array, Array]
     level = reading.mean(axis=-1, keepdims=True)
     straight = level + (reading @ line / (line @ line))[..., None] * line
     spectrum = np.fft.rfft((reading - straight) * taper, axis=-1)
-    raw = 2 * period_s * np.abs(spectrum) ** 2 / np.sum(taper**2)
+    raw = _without_lines(2 * period_s * np.abs(spectrum) ** 2 / np.sum(taper**2), size * period_s)
     first, last = 2, raw.shape[-1] - 1  # below, the taper and the detrending change the spectrum
     index = np.arange(first, last)
     bins = np.floor(np.log2(index) * BINS_PER_OCTAVE).astype(int)

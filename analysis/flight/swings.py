@@ -15,17 +15,14 @@ from scipy.ndimage import maximum_filter1d
 from scipy.special import ndtr
 
 from shockrig.analysis.estimate.without_model import MAD_TO_SIGMA
+from shockrig.analysis.flight.air_prior import LINE_BINS, OUT_OF_BINS, SHORTEST_S, TOLD_LOG_ODDS
 from shockrig.analysis.flight.unread import OF_MEDIAN
 from shockrig.analysis.physics.humidity import saturation_pressure_hpa, saturation_slope
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 FEWEST_SWINGS = 6
-SHORTEST_S = 4.0  # of a swing
 MEANS_IN_SWING = 8  # at least: its course is told by so many means of rows
-OUT_OF_BINS = 12  # to either side, that say what the spectrum is beside a line
-LINE_BINS = 3  # that a line takes of them
-TOLD_LOG_ODDS = 3.0  # one in twenty
 
 
 def swings(humidity: Array, temperature_c: Array, read: Mask, period_s: float, noise: float = 0.0) -> Array:
