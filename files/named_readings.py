@@ -14,7 +14,8 @@ from dataclasses import dataclass
 from shockrig.files.unit_names import known_unit, quantity_of, unique_names
 
 _DAY = r"\d{1,4}[-/.]\d{1,2}[-/.]\d{1,4}"
-_HOUR = r"\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d+)?)?(?:\s?[AaPp][Mm]\b)?(?:Z|[+-]\d{2}:?\d{2})?"
+# 9:05, and with seconds also 9:5:3, as sketches print it
+_HOUR = r"\d{1,2}:(?:\d{2}(?!:)|\d{1,2}:\d{1,2}(?:[.,]\d+)?)(?:\s?[AaPp][Mm]\b)?(?:Z|[+-]\d{2}:?\d{2})?"
 STAMP = re.compile(rf"(?<![\d.:/-]){_DAY}(?:(?:T|,?\s+){_HOUR})?(?![\d:])|(?<![\d:]){_HOUR}(?![\d:])")
 _NAME = r"[A-Za-z]\w{0,24}(?: [A-Za-z]\w{0,24}){0,2}(?: \d{1,2})?(?:\s?[\[(][^\])]{1,9}[\])])?"  # and its unit
 # no unit: "Soil" of "Soil Humidity: 122" behind a number, but "C" of "C Humidity: 41"
@@ -22,7 +23,7 @@ _NEXT = r"(?!(?!Celsius|Kelvin|Fahrenheit|Percent)[A-Z][a-z]+(?: [A-Za-z]\w{0,24
 # a name, what it is told apart by, a time or a number, and a unit
 NAMED = re.compile(
     rf"(?<![\w.°*])(?:(?:and|und|y|et) )?({_NAME})"
-    r"[\"']{0,2}\s{0,3}[=:]\s{0,3}\[?[\"']{0,2}"
+    r"[\"']{0,2}(?:\s{0,3}[=:]\s{0,3}|\.\s)\[?[\"']{0,2}"  # "Temp. 18.46" too
     rf"(?:({STAMP.pattern})|([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)(?!\d|[.:,]\d)"
     rf"\s?((?:[°º*]\s?)?{_NEXT}[A-Za-z]{{1,10}}(?:/[A-Za-z]{{1,4}})?\b(?!\s?[=:])|%)?)"
 )

@@ -127,7 +127,7 @@ _WORDS = {  # in Latin letters, Russian, Chinese, Japanese and Korean
 _OTHER = (
     "dew", "frost", "batt", "volt", "heat index", "wind chill", "wet bulb", "wet-bulb", "potential", "setpoint",
     "set point", "set_point", "set temp", "set_temp", "setting", "target", "anomaly", "direction", "velocity", "ascent",
-    "climb", "over ground", "efficien", "duty", "throttle", "charge", "error", "g/m", "vpd", "vapo", "humidifier",
+    "climb", "over ground", "efficien", "duty", "throttle", "error", "g/m", "vpd", "vapo", "humidifier",
 )  # fmt: skip
 # of several columns of one quantity the first that is there: the air's own pressure goes before one that is reduced to
 # the sea, as weather meters have both, and the speed of the air past the sensor before that of the wind
@@ -150,6 +150,8 @@ _NOT_RELATIVE = re.compile(r"absolut|specific|(?<![a-z])abs(?![a-z])")
 _PER_HOUR = re.compile(r"(?<![a-z])(km|mi|nmi?|mm?|cm|ft|in|l)\s*/\s*(h|hrs?|hours?)(?![a-z])")
 # before a field of a structure, whose name says who read it: barometer_data.temperature
 _FIELD = re.compile(r"(?<=\w)\.(?=[A-Za-z_])")
+# words that hold others: a compressor is no pressure, an attempt no temperature, and an evaporator has one
+_HOLD_OTHERS = re.compile(r"(compress|suppress|express|impress|evaporat|attempt|templat|tempora|thermostat)[a-z]*")
 _BRACKETS = re.compile(r"[\[(]\s*([^\])]*?)\s*[\])]")
 
 
@@ -313,8 +315,11 @@ def is_called_time(name: str) -> bool:
 
 def quantity_of(name: str, unit: str | None) -> str | None:
     """What a column measures, by its name and unit: a key of `UNITS` but time, or None."""
-    low = _PER_HOUR.sub("", name.lower())
-    if any(word in low for word in _OTHER) or any(_has_word(low, word) for word in ("dp", "dpt")):  # dew points
+    low = _HOLD_OTHERS.sub("", _PER_HOUR.sub("", name.lower()))
+    of_others = ("dp", "dpt", "ror")  # dew points, a rate of rise
+    if re.search("(?<!dis)charge", low) or any(word in low for word in _OTHER):
+        return None
+    if any(_has_word(low, word) for word in of_others):
         return None
     *whole, field = _FIELD.split(name)
     if whole and (quantity := quantity_of(field, unit)) is not None:

@@ -23,7 +23,8 @@ Array = NDArray[np.float64]
 
 LEAST_ROWS = 5  # of each sensor, in the mean: what differs more often tells rows apart, and not sensors
 AGAIN = 0.1  # of the rows bear a stamp that was there, or one before: fewer may have come late
-LEFT = 0.02  # of these may still do so among the rows of one sensor
+LEFT = 0.02  # of these may still do so among the rows of one sensor, ...
+LEFT_DATED = 0.5  # ... and of dates, which no restart takes back: somebody put files together in another order
 IN_TURN = 0.5  # of rows are of another sensor than the row before, where every row has a stamp of its own
 JUMPS = 3.0  # times what a sensor's readings do from one to the next, that rows of several do
 _WHOSE = re.compile(
@@ -61,6 +62,7 @@ def demand_one_sensor(lines: Scan, clock: TimeColumns, time_s: Array, values: Ma
     forth = -1.0 if newest_first(moments) else 1.0
     again = int((forth * np.diff(moments) <= 0.0).sum())
     some = lines.sample()
+    by_itself: dict[str, int] = {}
     in_part: dict[str, NDArray[np.intp]] = {}
     for place, name in enumerate(lines.names):
         cells = [row[place] for row in some]
@@ -77,15 +79,17 @@ def demand_one_sensor(lines: Scan, clock: TimeColumns, time_s: Array, values: Ma
             in_part |= {name: whose} if may_follow else {}
             continue
         if may_follow or _take_turns(whose) and (is_called or _jumps(whose, values)):
-            raise _several(lines, name, cells)
+            by_itself[name] = _left(whose, forth * time_s)
+    if by_itself:
+        raise _several(lines, min(by_itself, key=lambda name: by_itself[name]), some)
     for (one, first), (other, second) in combinations(in_part.items(), 2):  # what of which sensor, in two columns
         if _goes_on_apart(first * (second.max() + 1) + second, forth * time_s, again, clock):
             name = min(one, other, key=lambda name: _left(in_part[name], forth * time_s))
-            raise _several(lines, name, [row[lines.names.index(name)] for row in some])
+            raise _several(lines, name, some)
 
 
-def _several(lines: Scan, name: str, cells: Sequence[str]) -> SeveralError:
-    said = tuple(dict.fromkeys(cells))
+def _several(lines: Scan, name: str, rows: Sequence[Sequence[str]]) -> SeveralError:
+    said = tuple(dict.fromkeys(row[lines.names.index(name)] for row in rows))
     return SeveralError(
         f"{shown(lines.path)}: its rows are of {len(said)} sensors, told apart by the column {name!r} "
         f"({', '.join(said[:5])}{', ...' if len(said) > 5 else ''}); state one in the map, [log] only = "
@@ -123,7 +127,8 @@ def _goes_on_apart(whose: NDArray[np.intp], time_s: Array, again: int, clock: Ti
     A clock that counts anew for each says nothing of when that was; dates that were there are another's.
     """
     rows = np.isfinite(time_s).sum()
-    return _left(whose, time_s) <= LEFT * again and bool(clock.is_dated or again >= AGAIN * rows)
+    left = _left(whose, time_s)
+    return left <= LEFT_DATED * again if clock.is_dated else left <= LEFT * again and bool(again >= AGAIN * rows)
 
 
 def _left(whose: NDArray[np.intp], time_s: Array) -> int:

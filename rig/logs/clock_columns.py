@@ -86,8 +86,11 @@ def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequ
                     return clock
             return TimeColumns((name,), format_, doubt=doubt)
     for name in [*called, *names[:3]]:  # by its cells too: it may be called "TimeElapsed" or "when"
-        if guess_format(columns[name])[0] == OF_DAY:
-            return TimeColumns((name,), OF_DAY)
+        if guess_format(columns[name])[0] != OF_DAY:
+            continue
+        if (doubt := _may_be_minutes(columns[name])) and (in_unit := _in_unit(called, columns, unit_of)) is not None:
+            return in_unit
+        return TimeColumns((name,), OF_DAY, doubt=doubt)
     in_parts = _in_parts(columns, dated=False)
     stamps = [name for name in names if name not in called and _STAMPED.search(name) is not None]
     whole = [name for name in [*called, *stamps] if in_parts is None or name not in in_parts.columns]
@@ -107,6 +110,23 @@ def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequ
         if (clock := counted_clock(name, columns[name], unit_of[name], named=False)) is not None:
             return clock
     return None
+
+
+def _may_be_minutes(cells: Sequence[str]) -> str:
+    """What is in doubt of a time of day in two parts that counts from 0:00, as an elapsed time of minutes and seconds
+    does too; nothing of any other."""
+    parts = [found for cell in cells if (found := re.fullmatch(r"(\d+):(\d\d)", cell.strip())) is not None]
+    if len(parts) < 0.9 * len(cells) or not parts or int(parts[0][1]) > 0:
+        return ""
+    return 'taken as hours and minutes; if they are minutes and seconds, say time_format = "%M:%S"'
+
+
+def _in_unit(
+    called: Sequence[str], columns: Mapping[str, Sequence[str]], unit_of: Mapping[str, str | None]
+) -> TimeColumns | None:
+    """The first column that is called a time and counts in a unit of time by its name; None where there is none."""
+    counted = (counted_clock(name, columns[name], unit_of[name], named=True) for name in called)
+    return next((clock for clock in counted if clock is not None and not clock.doubt), None)
 
 
 def _below_sixty(cells: Sequence[str]) -> bool:
@@ -195,11 +215,11 @@ def guess_format(cells: Sequence[str], may_be_iso: bool = True) -> tuple[str | N
     if _share(lambda text: re.fullmatch(r"\d{1,3}:\d{1,2}(:\d{1,2}([.,]\d+|:\d{3})?)?", text) is not None, some) > 0.9:
         return OF_DAY, ""
     every = [day + (between + hour if hour else "") for day, between, hour in product(_DATES, _BETWEEN, (*_TIMES, ""))]
-    first = some[0]
+    few = some[0], some[len(some) // 2], some[-1]  # the first one may be of a clock that was not set yet
     fitting = [
         f
         for f in dict.fromkeys([*every, *_YEAR_LAST])
-        if _like(first, f) and _fits(first, f) and sum(_fits(t, f) for t in some) > 0.9 * len(some)
+        if any(_like(t, f) and _fits(t, f) for t in few) and sum(_fits(t, f) for t in some) > 0.9 * len(some)
     ]
     if not fitting:
         return None, ""

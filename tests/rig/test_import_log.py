@@ -40,6 +40,7 @@ from shockrig.rig.logs.first_map import look_at
 from shockrig.rig.logs.found import steps_of
 from shockrig.rig.logs.map_file import parse_map
 from shockrig.rig.logs.order import in_order
+from shockrig.rig.logs.sensor_logs import read_sensors
 from shockrig.rig.logs.text import Layout, scan
 
 
@@ -684,6 +685,20 @@ def test_a_device_that_makes_humidity_is_no_hygrometer(name):
     assert quantity_of(name, None) is None and quantity_of("Indoor Humidity", None) == "humidity"
 
 
+@pytest.mark.parametrize(
+    ("name", "quantity"),
+    [
+        ("Compressor Temp", "temperature"), ("compressor", None), ("Tx Attempts ()", None), ("template", None),
+        ("Evaporator temp", "temperature"), ("thermostat", None), ("baro_temp", "temperature"),
+        ("Discharge Temp", "temperature"), ("charge temp", None), ("Air Compressor Pressure", "pressure"),
+        ("ror_f", None),
+    ],
+)  # fmt: skip
+def test_a_word_within_a_word_says_nothing(name, quantity):
+    """A fridge's compressor had a pressure, a modem's attempts were in degC, and a rate of rise was in degF."""
+    assert quantity_of(name, unit_in_name(name)) == quantity
+
+
 @pytest.mark.parametrize("name", ["HUM_ABS.d", "Absolute Humidity", "AbsoluteHumidity", "specific humidity"])
 def test_an_absolute_humidity_is_no_relative_one(name):
     """Before: of an aircraft's HUM_ABS.d and HUM_REL.d the first was taken."""
@@ -935,6 +950,31 @@ def test_a_word_behind_a_number_may_begin_the_next_name(tmp_path):
     assert scan(log, Layout()).behind == ("Temp (C)", "Humidity", "Soil Humidity", "Light", "Out Temp (Celsius)")
 
 
+def test_names_may_be_shortened_by_a_point_and_stamps_count_without_zeros(tmp_path):
+    """As boards print them: "Temp. 23.41 - humid. 61.43 %" and "RTC time: 0:0:5" had been no readings, or no times."""
+    stamps = date("%d/%m/%Y - %H:%M:%S")
+    rows = [f"{stamps(2.0 * t)} - Lat. 0.00 - Temp. {a:.2f} - humid. {b:.2f} %  - Co2 400" for t, a, b in rows_of_log()]
+    rows[0] = "00/00/2000" + rows[0][10:]  # the clock was not set yet
+    look = look_at([written(tmp_path / "air.txt", text(["- DataLog -", *rows]))], tmp_path / "air.toml")
+    assert set(look.map.sensors["sensor"].columns) >= {"temperature", "humidity"} and len(look.steps[0]) == 3
+    rows = [f" temperature: {a:.1f}^C  pH:3.07 RTC time: 0:{int(t) // 60}:{int(t) % 60}" for t, a, _ in rows_of_log()]
+    look = look_at([written(tmp_path / "ph.txt", text(rows))], tmp_path / "ph.toml")
+    assert look.map.time == ("time",) and look.logs[0].log.time_s[-1] == pytest.approx(LOG.time_s[-1], abs=1.0)
+
+
+def test_minutes_and_seconds_are_no_time_of_day(tmp_path):
+    """A roaster's 00:01 beside its first second had been a minute: every response was sixty times as slow."""
+    elapsed = [f"{int(2 * t) // 60:02d}:{int(2 * t) % 60:02d}" for t in LOG.time_s]
+    rows = [f"{2 * t:.0f},{stamp_},{a}" for stamp_, (t, a, _) in zip(elapsed, rows_of_log(), strict=True)]
+    look = look_at([written(tmp_path / "both.csv", text(["seconds,time,temp", *rows]))], tmp_path / "both.toml")
+    assert look.map.time == ("seconds",) and look.logs[0].log.period_s == pytest.approx(1.0, rel=1e-4)
+    rows = [row.partition(",")[2] for row in rows]
+    look = look_at([written(tmp_path / "one.csv", text(["time,temp", *rows]))], tmp_path / "one.toml")
+    assert any('if they are minutes and seconds, say time_format = "%M:%S"' in note for note in look.notes)
+    map_ = parse_map('[log]\ntime = "time"\ntime_format = "%M:%S"\n[sensor.a]\ntemperature = "temp"\n', tmp_path / "m")
+    assert read_sensors(tmp_path / "one.csv", map_).log.period_s == pytest.approx(1.0, rel=1e-4)
+
+
 def test_settings_that_name_a_temperature_are_no_log(tmp_path, capsys):
     """One record is none: a run.json had been taken for a log without times."""
     content = json.dumps({"name": "run 3", "temperature": 21.5, "humidity": 40, "duration_s": 600}, indent=1)
@@ -1006,6 +1046,14 @@ def one_sensor_a_row(stamps, other="B", name="sensor_id"):
 stamp = date("%Y-%m-%d %H:%M:%S.%f")
 
 
+def in_blocks():
+    """The rows of each sensor in three blocks, of which somebody put the last two in the wrong order."""
+    head, *rows = one_sensor_a_row((stamp, stamp)).splitlines()
+    mine, others = rows[::2], rows[1::2]
+    blocks = [mine[:200], others[:200], mine[400:], others[400:], mine[200:400], others[200:400]]
+    return text([head, *(row for block in blocks for row in block)])
+
+
 @pytest.mark.parametrize(
     "log",
     [
@@ -1014,8 +1062,9 @@ stamp = date("%Y-%m-%d %H:%M:%S.%f")
         one_sensor_a_row((stamp, lambda t: stamp(t + 0.21))),
         one_sensor_a_row((stamp, stamp), name="where"),
         text(sorted(one_sensor_a_row((stamp, stamp)).splitlines(), key=lambda row: (row[0] != "t", row.split(",")[1]))),
+        in_blocks(),
     ],
-    ids=["same stamps", "same counts", "in turn", "an unknown name", "one after the other"],
+    ids=["same stamps", "same counts", "in turn", "an unknown name", "one after the other", "in disordered blocks"],
 )
 def test_rows_of_several_sensors_are_told_apart(tmp_path, capsys, log):
     """Taken for one sensor's they are spread over their stamps, and their steps are as fast as neither's."""
