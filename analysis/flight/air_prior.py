@@ -422,7 +422,7 @@ def _without_lines(power: Array, lasts_s: float) -> Array:
         return power
     some = power[..., bins]
     # of an exponential distribution the mean is the median over ln 2, as sure as that of half as many
-    usual = median_filter(some, (1, 2 * OUT_OF_BINS + 1), mode="nearest") / np.log(2.0)
+    usual = np.maximum(median_filter(some, (1, 2 * OUT_OF_BINS + 1), mode="nearest") / np.log(2.0), TINY_POWER)
     beside = 2 * OUT_OF_BINS * np.log(2.0) ** 2
     least = beside * np.expm1((np.log(some.size) + TOLD_LOG_ODDS) / beside)
     line = maximum_filter1d(some / usual, LINE_BINS, axis=-1) > least

@@ -851,6 +851,13 @@ def test_a_hum_is_no_air(at_s, until_s):
         assert np.mean(np.abs(off) < 1.96 * np.sqrt(found.variance)) > 0.85
 
 
+def test_readings_that_never_change_have_no_line():
+    rows = np.ones((3, 1))
+    with np.errstate(all="raise"):
+        found = fit_prior(np.full((3, 250), 20.0), LagResponse(rows, 0.5 * rows, np.zeros(3)), 0.1, 0.02, spread=0.3)
+    assert found.noise < 0.02
+
+
 @pytest.mark.parametrize("size", (-0.3, 1.0, -5.0))
 def test_one_reading_that_is_off_is_no_step_of_the_sensor(size):
     """Before: of some the sensor had changed, and of others the air swung by 20 to 130 times its own."""
