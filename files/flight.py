@@ -32,6 +32,7 @@ from shockrig.files.unit_names import (
     bare_name,
     outside_name,
     quantity_of,
+    rest_of_second,
     squeeze,
     unique_names,
     unit_among,
@@ -216,7 +217,8 @@ class Corrected:
 
 @dataclass(frozen=True)
 class FlightColumns:
-    """Columns of a log: `header` and for each quantity the place of its column.
+    """Columns of a log: `header` and for each quantity the place of its column; "rest" is what is left of the seconds
+    that the time counts.
 
     `zero_is_missing`: it is InterMet's application's, which writes zeros where nothing is connected. `known`: it is a
     log whose columns are known. `begins_s`: when its first row was read [s since 1970], of times of day without a date.
@@ -328,7 +330,9 @@ def read_layout(path: Path, chosen: Mapping[str, str] | None = None) -> FlightCo
         whose = "the sensor's own" if place["time"] == own.get("time") else "the application's"
         said = f"read as a log of InterMet's application: the clock is {whose}, {header[place['time']]!r}"
     units = _units(path, header, place, chosen)
-    named = [(quantity, unit) for quantity, unit in units.items() if quantity != "time"]
+    if (rest := rest_of_second(header, place["time"])) is not None:
+        place["rest"], units["rest"] = rest
+    named = [(quantity, unit) for quantity, unit in units.items() if quantity not in ("time", "rest")]
     if converted := [f"{quantity} {header[place[quantity]]!r} is in {unit}" for quantity, unit in named]:
         said = "; ".join([*([said] if said else []), f"{', '.join(converted)}, and converted"])
     several = [one for one in ("temperature", "humidity") if one in place and one not in chosen]

@@ -19,7 +19,7 @@ from shockrig.files.flight_cells import Rows, joined, number_of, numbers_of, of_
 from shockrig.files.flight_intermet import day_first
 from shockrig.files.ranges import RANGES
 from shockrig.files.sentinels import NO_VALUE_WORDS, coded
-from shockrig.files.unit_names import EPOCH, UNITS, squeeze
+from shockrig.files.unit_names import EPOCH, UNITS, squeeze, within_second
 
 Array = NDArray[np.float64]
 BLOCK_ROWS = 20_000
@@ -252,6 +252,9 @@ def _stamped(rows: Rows, layout: FlightColumns) -> Array:
     """Seconds, from a number (by the unit in the column's name, or as a known log has it) or a date and time."""
     place = layout.place["time"]
     values = rows.numbers[place]
+    if "rest" in layout.place:
+        rest, unit = rows.numbers[layout.place["rest"]], layout.units["rest"]
+        values = values + rest * UNITS["time"][unit][0] if within_second(values, rest, unit) else values
     if len(rows) and np.isnan(values).mean() > 0.5:
         if (seconds := _of_iso(rows.cells(place))) is not None:
             return seconds

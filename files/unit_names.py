@@ -7,6 +7,9 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from types import MappingProxyType
 
+import numpy as np
+from numpy.typing import NDArray
+
 # quantity -> unit as maps write it -> (factor, offset) to the unit of the campaign: degC, percent, hPa, m/s
 UNITS: Mapping[str, Mapping[str, tuple[float, float]]] = MappingProxyType(
     {
@@ -76,9 +79,9 @@ _ALIASES = {
     "mph": ("mph",),
     "ft/min": ("ft/min", "fpm"),
     "s": ("s", "sec", "secs", "second", "seconds", "sek", "sekunden", "seg", "segundo", "segundos", "secondi"),
-    "ms": ("ms", "msec", "millis", "milliseconds", "millisecond"),
-    "us": ("us", "µs", "μs", "usec", "micros", "microseconds"),
-    "ns": ("ns", "nsec", "nanos", "nanoseconds"),
+    "ms": ("ms", "msec", "msecs", "millis", "millisec", "milliseconds", "millisecond"),
+    "us": ("us", "µs", "μs", "usec", "usecs", "micros", "microsec", "microseconds"),
+    "ns": ("ns", "nsec", "nsecs", "nanos", "nanosec", "nanosecs", "nanoseconds"),
     "min": ("min", "mins", "minute", "minutes", "minuten", "minuto", "minutos", "minuti"),
     "h": ("h", "hr", "hrs", "hour", "hours", "std", "stunde", "stunden", "horas", "heures"),
     "days": ("d", "day", "days", "tage", "dias", "jours"),
@@ -311,6 +314,24 @@ def is_called_time(name: str) -> bool:
         or re.match(r"(time|date|zeit|datum)(\b|_|stamp)", low) is not None
         or low.endswith(("time", "_ms", "时间", "時間", "日時", "時刻"))
     )
+
+
+def rest_of_second(names: Sequence[str], place: int) -> tuple[int, str] | None:
+    """The column that by its name holds what is left of the seconds that the one in a place counts (secs and nsecs of
+    a stamp, tv_sec and tv_usec), and its unit; None where there is none."""
+    parted = [re.fullmatch(r"(.*?)([a-zµμ]+)", name.strip().lower()) for name in names]
+    called = [(found[1], known_unit(found[2])) if found else ("", None) for found in parted]
+    before, unit = called[place]
+    of_same = (k for k, (stem, part) in enumerate(called) if stem == before and part in ("ms", "us", "ns"))
+    return next(((k, str(called[k][1])) for k in of_same), None) if unit == "s" else None
+
+
+def within_second(whole: NDArray[np.float64], rest: NDArray[np.float64], unit: str) -> bool:
+    """Whether numbers (n,) of such a column are no more than that, and the others (n,) whole seconds."""
+    known = np.isfinite(whole) & np.isfinite(rest)
+    part = rest[known] * UNITS["time"][unit][0]
+    seconds = whole[known]
+    return bool(known.any() and (seconds == np.floor(seconds)).all() and (part >= 0.0).all() and (part < 1.0).all())
 
 
 def quantity_of(name: str, unit: str | None) -> str | None:

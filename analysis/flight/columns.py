@@ -30,6 +30,7 @@ CHANGE = 7.0  # nats against columns that change place, or unit
 NOTHING = 16.0  # nats against a column that holds neither quantity from a jump on: a code, a burst
 # nats against all of a log being so, and against a part of it by its share
 ALL_NOTHING, ALL_WARM, ALL_ODD = 20.0, 24.0, 6.0  # odd: not in their usual place, exchanged usually, or in degF
+EXPLAINED = 0.4  # of a jump of the humidity is left at most, where the temperature of the air explains it
 WARM_C = 45.0  # few airs are flown in that are warmer
 AIR_C, PERCENT = RANGES["temperature_c"], RANGES["humidity_reading_percent"]
 SURE = 0.8  # probability of what is done with a row
@@ -247,7 +248,8 @@ def _shares(pieces: _Pieces, usual: list[_Usual]) -> tuple[Array, Array]:
             if q:  # the humidity jumps with the air's temperature, which a thermometer shows a little later
                 both = READ[0] & (chains.row[0][:, None] >= 0)
                 beside = _beside_the_air(chains.level, first[1], settled[0])
-                gone = np.where(both, np.minimum(gone, beside), gone)
+                # what is hardly better is so by chance, and at each of many jumps
+                gone = np.where(both & (beside < EXPLAINED * gone), beside, gone)
             size = np.hypot(factor * gone, scale)
             joined = np.log(size**2 / (scale * least[column])) + np.log(1.8) * (DEGF[q] & ~was)
             same = KINDS[chains.kind, 0][:, None] == COLUMN[0]

@@ -187,7 +187,7 @@ def _swapped(flight: Flight, profile: Profile | None) -> bool:
     if min(temperature.size, humidity.size) < FEWEST_READINGS:
         return False
     percent = RANGES["humidity_percent"]
-    if not all(percent.holds(v) for v in np.quantile(temperature, (0.25, 0.75)).tolist()):
+    if not all(percent.holds(v) for v in np.quantile(temperature, (0.1, 0.9)).tolist()):
         return False
     if np.median(temperature) > HOTTEST_C and np.median(humidity) < HOTTEST_C:
         return True
@@ -254,6 +254,11 @@ def doubts(flight: Flight) -> list[str]:
             "by a map with altitude_unit"
         )
     pressure = flight.pressure_hpa[np.isfinite(flight.pressure_hpa)]
+    if (rows := _lowest_stands(flight.pressure_hpa)) > HALF_STILL * flight.time_s.size:
+        found.append(
+            f"pressure_hpa: the lowest reading, {pressure.min():.6g} hPa, stands in {counted(rows, 'row')} one after "
+            "another: the barometer was at the end of what it measures, or stuck, and the air was thinner"
+        )
     if in_air(flight) is not flight:
         what = f"no reading is above {LEAST_HPA:.0f} hPa, as in the stratosphere, where no air is as warm"
         if pressure.max() > LEAST_HPA:
@@ -316,6 +321,14 @@ def airspeed_doubt(flight: Flight) -> float:
     if flown.size == 0:
         return NO_SPEED
     return SAME_SPEED if flown.size >= FEWEST_READINGS and np.ptp(flown) == 0.0 else 0.0
+
+
+def _lowest_stands(values: Array) -> int:
+    """Rows in a row in which a barometer (n,) reads its lowest, and that again and again as it does no other."""
+    first, rows = _stands(values)
+    above = values[values > np.nanmin(values, initial=np.inf)]
+    moves = above.size > 0 and np.unique(above).size > 0.5 * above.size
+    return rows if moves and values[first] < above.min() else 0
 
 
 def _stands(values: np.ndarray) -> tuple[int, int]:

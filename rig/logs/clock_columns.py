@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from itertools import pairwise, product
 
@@ -21,8 +22,10 @@ from shockrig.files.unit_names import (
     is_called_time,
     known_unit,
     quantity_of,
+    rest_of_second,
     squeeze,
     unit_in_name,
+    within_second,
 )
 from shockrig.rig.logs.stamps import ISO, NUMBERS, OF_DAY, TimeColumns, half_day, newest_first
 from shockrig.rig.logs.text import NUMBER, unit_in_cells
@@ -70,6 +73,13 @@ def guess_clock(names: Sequence[str], rows: Sequence[Sequence[str]], units: Sequ
         return by_parts
     unit_of = {name: unit_of_clock(name, units[k]) for k, name in enumerate(names)}
     called = [name for name in names if is_called_time(name)]
+    for k, name in enumerate(names):
+        if (rest := rest_of_second(names, k)) is None:
+            continue
+        parts = name, names[rest[0]]
+        seen = counted_clock(name, columns[name], "s", named=True)
+        if seen is not None and within_second(_numbers(columns[name]), _numbers(columns[parts[1]]), rest[1]):
+            return replace(seen, columns=parts)
     for name, seconds in pairwise(names):
         if name in called and (unit_of[name], unit_of[seconds]) == ("min", "s") and _below_sixty(columns[seconds]):
             return TimeColumns((name, seconds), NUMBERS)
@@ -132,6 +142,11 @@ def _in_unit(
 def _below_sixty(cells: Sequence[str]) -> bool:
     """Whether a column's numbers are seconds of a minute that another column counts."""
     return all(NUMBER.fullmatch(cell) is not None and 0.0 <= float(cell) < 60.0 for cell in cells)
+
+
+def _numbers(cells: Sequence[str]) -> NDArray[np.float64]:
+    """Cells (n,) as numbers, NaN where they are none."""
+    return np.array([float(text) if NUMBER.fullmatch(text := cell.strip()) else np.nan for cell in cells])
 
 
 def _stands(cells: Sequence[str]) -> bool:

@@ -193,7 +193,8 @@ def _clock(map_: LogMap, lines: Scan) -> TimeColumns | None:
         said = unit_in_name(columns[0])
         unit = said if said in UNITS["time"] else "s"
     unit = unit or "s"
-    numbers = [float(cell) for cell in cells if cell.replace(".", "", 1).isdecimal()]
+    first = (cell.split(" ")[0] for cell in cells)
+    numbers = [float(cell) for cell in first if cell.replace(".", "", 1).isdecimal()]
     low, high = EPOCH.get(unit, (np.inf, np.inf))
     since_1970 = format_ == NUMBERS and bool(numbers) and bool(low < float(np.median(numbers)) < high)
     return TimeColumns(columns, format_, unit, since_1970)

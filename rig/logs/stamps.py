@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shockrig.files.unit_names import UNITS
+from shockrig.files.unit_names import UNITS, rest_of_second
 from shockrig.rig.bench_errors import BenchError
 
 Array = NDArray[np.float64]
@@ -28,7 +28,8 @@ STILL_ROWS = 10  # that bear one stamp or two are not timed by it
 class TimeColumns:
     """Which columns tell the time and how.
 
-    `format` is "iso", "number" (of `unit`; of several columns each counts sixty of the next, minutes and seconds),
+    `format` is "iso", "number" (of `unit`; of several columns each counts sixty of the next, minutes and seconds, or
+    the last is what is left of whole seconds, in the unit that its name has),
     "time of day" or a strptime format for the columns joined by a blank.
     `since_1970`: the numbers are dates. `doubt` says what was taken for granted, for the user to check. `every_s`: no
     column tells the time, and rows come so many seconds apart. `known` is "named" where the log itself names the
@@ -69,11 +70,14 @@ def parsed(clock: TimeColumns, columns: Mapping[str, NDArray[Any]]) -> NDArray[A
         return np.zeros(0)
     if clock.format == NUMBERS:
         total = np.zeros(len(columns[clock.columns[0]]))
+        rest = rest_of_second(clock.columns, 0)
         for name in clock.columns:
             counts = pd.Series(columns[name])
             if counts.dtype.kind not in "fiu":  # some loggers write the unit into every cell
                 counts = counts.astype("str").str.replace(r"(?<=[\d.])\s*[a-zA-Zµμ]{1,6}$", "", regex=True)
-            total = 60.0 * total + pd.to_numeric(counts, errors="coerce").to_numpy(dtype=float)
+            numbers = pd.to_numeric(counts, errors="coerce").to_numpy(dtype=float)
+            is_rest = rest is not None and name == clock.columns[rest[0]]
+            total = total + UNITS["time"][rest[1]][0] * numbers if rest and is_rest else 60.0 * total + numbers
         return total
     joined = pd.Series(columns[clock.columns[0]], dtype="str").str.strip()
     for name in clock.columns[1:]:

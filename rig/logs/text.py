@@ -155,7 +155,9 @@ def _scan(path: Path, layout: Layout) -> Scan:
     good = np.ones(len(plain), dtype=bool)
     good[:first] = False
     odd: dict[str, tuple[int, int]] = {}
-    for i, line in enumerate(plain[first:], start=first):
+    between = [i for i in range(first) if header_line and plain.number(i) > header_line]
+    values = [i for i in between if sum(map(is_value, _split(plain[i], separator))) > counts[i] / 2]
+    for i, line in ((i, plain[i]) for i in (*values, *range(first, len(plain)))):
         if counts[i] != width and i not in fuller:
             reason = "of another number of cells"
         elif header is not None and header[0] in line and _split(line, separator) == header:
@@ -396,8 +398,7 @@ def _header(
             # The last columns may have none, as of sensors that somebody added to a logger's program, or the pixels of
             # a camera; but blanks also part a date from its time of day, under one name.
             are_names = separator != " " and all(found) and not any(map(is_value, found))
-            told = any(map(is_called_time, found)) and any(quantity_of(name, None) for name in found)
-            if i == first - 1 and are_names and len(found) < width and (told or len(found) > width / 2):
+            if i == first - 1 and are_names and len(found) < width and (_tell(found) or len(found) > width / 2):
                 return unique_names(found, width), units, plain.number(i)
             break
         above = i > 0 and len(cells(plain[i - 1])) in (width, width - 1)
@@ -418,9 +419,15 @@ def _header(
             continue
         # Whoever writes names and rows apart may name more than a row holds, or than all but the first one do.
         whole = len(found) == width or (len(found) > width and any(map(is_called_time, found)))
+        whole |= separator != " " and all(found) and _tell(found)
         if whole and not any(cell[:1].isdecimal() and is_value(cell) for cell in found):
             return unique_names(found, width), units, over.number(i)
     return tuple(str(k + 1) for k in range(width)), nothing, 0
+
+
+def _tell(names: Sequence[str]) -> bool:
+    """Whether some texts are names, since one is of a time and one of something that is read."""
+    return any(map(is_called_time, names)) and any(quantity_of(name, None) for name in names)
 
 
 def _is_a_row(found: Sequence[str], rows: Sequence[Sequence[str]]) -> bool:

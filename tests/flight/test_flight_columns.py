@@ -225,4 +225,4 @@ def test_what_no_humidity_can_be_did_not_change_place(seed):
     hangs = rng.random(row.size) < 0.03
     log = np.round([np.where(hangs, 0.57, temperature), np.where(hangs | (row < 250), 0.0, humidity)], 2)
     told = held(log, (0.01, 0.01))
-    assert np.count_nonzero(told.exchanged | told.unsure) < 15
+    assert np.count_nonzero(told.exchanged | told.unsure) < 25
