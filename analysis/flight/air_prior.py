@@ -417,12 +417,17 @@ def _weakest(turbulence: Array, bend: Array, white: float) -> tuple[float, float
 def _without_lines(power: Array, lasts_s: float) -> Array:
     """Power (s, f) of stretches, with what lies beside it in place of lines that are faster than `SHORTEST_S`: the air
     swings at no single frequency so fast, but a mast does, or the mains."""
-    bins = np.arange(int(lasts_s / SHORTEST_S), power.shape[-1])
+    bins = np.arange(max(int(lasts_s / SHORTEST_S), 1), power.shape[-1])
     if bins.size < 2 * OUT_OF_BINS:
         return power
     some = power[..., bins]
+    # level, so that at either end what mirrors it is as high
+    along = np.log(bins) - np.log(bins).mean()
+    slope = np.log(np.maximum(some, TINY_POWER)) @ along / (along @ along)
+    level = np.exp(slope[..., None] * along)
     # of an exponential distribution the mean is the median over ln 2, as sure as that of half as many
-    usual = np.maximum(median_filter(some, (1, 2 * OUT_OF_BINS + 1), mode="nearest") / np.log(2.0), TINY_POWER)
+    usual = median_filter(some / level, (1, 2 * OUT_OF_BINS + 1), mode="reflect") / np.log(2.0)
+    usual = np.maximum(usual * level, TINY_POWER)
     beside = 2 * OUT_OF_BINS * np.log(2.0) ** 2
     least = beside * np.expm1((np.log(some.size) + TOLD_LOG_ODDS) / beside)
     line = maximum_filter1d(some / usual, LINE_BINS, axis=-1) > least
