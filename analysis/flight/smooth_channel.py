@@ -221,7 +221,8 @@ def _own_step(around: Neighbourhood, jumps: Jumps, near: int) -> OwnStep | None:
     here = Jumps(jumps.variance[nodes], jumps.place[nodes])
     unit = float(around.local.noise[near])
     # the log-likelihood of readings that are off is a parabola of by how much: all behind, or one by itself
-    behind = unit * np.concatenate([nodes >= places[:, None], nodes == places[:, None], nodes == places[:, None] - 1])
+    alone = np.union1d(places - 1, places)
+    behind = unit * np.concatenate([nodes >= places[:, None], nodes == alone[:, None]])
     off = np.concatenate([np.zeros((1, nodes.size)), behind, -behind])
     cost = around.costs([here] * len(off), off)
     more, less = cost[1:].reshape(2, -1) - cost[0]
